@@ -5,6 +5,7 @@
 Subpackages in the order of data flow; each imports only from those above it:
 
     text         text from outside, shortened and printable
+    files        new files, never over existing ones
     messages     bytes of ROS 2 messages -> arrays and back
     arm          the simulated arm without ROS, clock or thread: settings, events, engine
     recording    the MCAP file of a run, written and read
@@ -20,7 +21,7 @@ Subpackages in the order of data flow; each imports only from those above it:
 
 `pfd_ros.read_log` returns the messages of a recording, or of any bag, as arrays.
 
-Only `node`, `testing`, `demo`, `view.live` and `cli.send` import rclpy.
+Only `node`, `testing`, `demo`, `view.live`, `cli.send` and `replay.publish` import rclpy.
 
 To change or add
 

@@ -51,12 +51,13 @@ KERNELS = {
 }
 PFD_ROS = {
     'text': set(),
+    'files': set(),
     'messages': {'text'},
     'arm': {'text', 'messages'},
-    'recording': {'text', 'messages', 'arm'},
-    'replay': {'text', 'messages', 'arm', 'recording'},
+    'recording': {'text', 'files', 'messages', 'arm'},
+    'replay': {'text', 'files', 'messages', 'arm', 'recording'},
     'motion': set(),
-    'page': {'text', 'messages', 'arm', 'recording', 'motion'},
+    'page': {'text', 'files', 'messages', 'arm', 'recording', 'motion'},
     'advice': {'text', 'messages', 'arm', 'recording', 'replay'},
     'node': {'text', 'messages', 'arm', 'recording', 'replay'},
     'testing': {'text', 'messages', 'arm', 'recording', 'replay', 'motion', 'page'},

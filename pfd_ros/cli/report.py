@@ -94,8 +94,8 @@ def _new(path: Path) -> Path:
 
 
 def _log(given: argparse.Namespace, unread: list[str]) -> int:
-    from pfd_ros import read_log
     from pfd_ros.page.page import TYPES, page
+    from pfd_ros.recording.arrays import read_log
 
     name = given.log.absolute().name.removesuffix('.mcap')
     path = _new(given.out or Path(f'{name}.html'))

@@ -239,6 +239,7 @@ def is_internal(name: str) -> bool:
     if name.startswith('pfd_ros.testing.'):  # the one public subpackage
         return name.removeprefix('pfd_ros.testing.') not in testing.__all__
     public = {'pfd_core': pfd.__all__, 'pfd_ros': pfd_ros.__all__}
+    package, _, rest = name.partition('.')
     return package in public and rest != '' and rest.partition('.')[0] not in public[package]
 
 

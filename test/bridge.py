@@ -204,7 +204,6 @@ NAMES = {
     'JOINT_FIELDS': 'pfd_ros.messages.joints:JOINT_FIELDS',
     'JointEncoder': 'pfd_ros.messages.joints:JointEncoder',
     'Joints': 'pfd_ros.messages.joints:Joints',
-    'decode_joint_columns': 'pfd_ros.messages.joints:decode_joint_columns',
     'decode_joints': 'pfd_ros.messages.joints:decode_joints',
     'encode_joints': 'pfd_ros.messages.joints:encode_joints',
     'MESSAGE_NUMBERS': 'pfd_ros.messages.numbers:NUMBERS',

@@ -17,14 +17,22 @@ from rosbags.typesys import TypesysError, get_types_from_msg
 from rosbags.typesys.base import normalize_fieldname
 from rosbags.typesys.store import Typestore
 
-from pfd_ros.messages.joints import JOINT_FIELDS, decode_joint_columns
-from pfd_ros.messages.types import JOINT_STATE
+from pfd_ros.messages.cdr import HEADER, NANOSECONDS, STAMP, TIME, Reader
+from pfd_ros.messages.joints import JOINT_FIELDS, decode_joints
 from pfd_ros.messages.types import definition as standard_definition
 
 # Bounds of hostile definitions: bytes, nested types, and fields of a type with all it uses.
 TEXT_BYTES, DEPTH, FIELDS = 1 << 18, 16, 4096
 # Bounds of padded rows of different lengths: elements, and their multiple of the filled ones.
 PADDED, MOST_PADDING = 1 << 20, 16
+# The fields of a JointState, in their order: type, and the number of sequences around it.
+JOINT_PATHS = {
+    'header.stamp.sec': ('int32', 0),
+    'header.stamp.nanosec': ('uint32', 0),
+    'header.frame_id': ('string', 0),
+    'name': ('string', 1),
+    **dict.fromkeys(JOINT_FIELDS, ('float64', 1)),
+}
 # What rosbags has in a type without fields.
 _NOTHING = 'structure_needs_at_least_one_member'
 _NUMPY_TYPES = {'byte': 'u1', 'char': 'u1', 'octet': 'u1', 'string': 'O'}
@@ -69,6 +77,8 @@ class Decoder:
         # Path of each primitive field -> its type, and the sequences it lies in.
         self.paths = dict(self._paths(self.kind))
         self._access: dict[str, tuple[list[str], Callable[[Any], Any], list[Any]]] = {}
+        # The commonest type has a decoder of its own; bags may have another one of its name.
+        self._of_joints = list(self.paths.items()) == list(JOINT_PATHS.items())
 
     def _paths(self, kind: str, prefix: str = '', rank: int = 0) -> Iterator[tuple[str, Any]]:
         for name, inner, many in self._fields(kind):
@@ -88,6 +98,12 @@ class Decoder:
 
         A field of several nested messages is a list with one value for each.
         """
+        if self._of_joints:
+            joints = decode_joints(data)
+            stamp = divmod(joints.stamp_ns, NANOSECONDS)
+            values = *stamp, joints.frame_id, joints.names
+            arrays = joints.position, joints.velocity, joints.effort
+            return dict(zip(JOINT_PATHS, (*values, *arrays), strict=True))
         try:
             message = self._store.deserialize_cdr(data, self.kind)
         except SerdeError as error:
@@ -141,7 +157,7 @@ class Decoder:
         ValueError
             If padded rows would take far more than the filled ones.
         """
-        if self.kind == JOINT_STATE and set(JOINT_FIELDS) < set(self.paths):
+        if self._of_joints:
             arrays = _joint_columns(messages)
             if arrays is not None:
                 return arrays, np.arange(len(messages))
@@ -185,25 +201,50 @@ def _count_fields(kind: str, types: Mapping[str, Any], depth: int) -> int:
     return total
 
 
+class _Places(Reader):
+    """A reader that keeps the place of each value; the other bytes are padding, of any value."""
+
+    def __init__(self, data: bytes) -> None:
+        super().__init__(data)
+        self.places = [range(len(HEADER))]
+
+    def take(self, size: int, align: int) -> int:
+        start = super().take(size, align)
+        self.places.append(range(start, start + size))
+        return start
+
+
 def _joint_columns(messages: Sequence[bytes]) -> dict[str, NDArray[Any]] | None:
-    """Return the fields of JointStates with equal names, None for others."""
+    """Return the fields of JointStates that differ in stamps and numbers alone, else None."""
     try:
-        found = decode_joint_columns(messages)
-    except ValueError:
+        first, size = _Places(messages[0]), len(messages[0])
+        first.time()
+        frame_id, names = first.string(), first.strings()
+        columns = []
+        for _ in JOINT_FIELDS:
+            count = first.length(8)
+            if count:
+                first.take(8 * count, 8)
+            columns.append(first.places.pop() if count else range(0))
+    except (ValueError, IndexError):
         return None
-    if found is None:
+    if first.order != '<' or any(len(data) != size for data in messages):
         return None
-    count = len(messages)
-    frames = np.full(count, found.frame_id, object)
-    names = np.empty((count, len(found.names)), object)
-    names[:] = found.names
-    seconds, nanoseconds = np.divmod(found.stamps_ns, 10**9)
+    rows = np.frombuffer(b''.join(messages), np.uint8).reshape(len(messages), size)
+    # All but the two integers of the stamp.
+    equal = np.concatenate([first.places[0], *first.places[3:]]).astype(np.intp)
+    times = np.ascontiguousarray(rows[:, STAMP : STAMP + TIME.size]).view('<i4,<u4')[:, 0]
+    if (rows[:, equal] != rows[0, equal]).any() or (times['f1'] >= NANOSECONDS).any():
+        return None
     return {
-        'header.stamp.sec': seconds.astype(np.int32),
-        'header.stamp.nanosec': nanoseconds.astype(np.uint32),
-        'header.frame_id': frames,
-        'name': names,
-        **{name: getattr(found, name) for name in JOINT_FIELDS},
+        'header.stamp.sec': times['f0'].astype(np.int32),
+        'header.stamp.nanosec': times['f1'].astype(np.uint32),
+        'header.frame_id': np.full(len(rows), frame_id, object),
+        'name': np.tile(np.array(names, object), (len(rows), 1)),
+        **{
+            name: np.ascontiguousarray(rows[:, place.start : place.stop]).view('<f8')
+            for name, place in zip(JOINT_FIELDS, columns, strict=True)
+        },
     }
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_ros.messages.cdr import HEADER, NANOSECONDS, STAMP, TIME, Reader, Writer
+from pfd_ros.messages.cdr import NANOSECONDS, STAMP, TIME, Reader, Writer
 
 # Units of the arrays, of a joint that turns or slides.
 JOINT_UNITS = {
@@ -122,55 +122,3 @@ class JointEncoder:
         TIME.pack_into(self._data, STAMP, *divmod(stamp_ns, NANOSECONDS))
         self._numbers[:] = numbers
         return bytes(self._data)
-
-
-class JointColumns(NamedTuple):
-    """The JointStates of k messages with equal names: stamps (k,) in ns, the others (k, count)."""
-
-    names: tuple[str, ...]
-    frame_id: str
-    stamps_ns: NDArray[Any]
-    position: NDArray[Any]
-    velocity: NDArray[Any]
-    effort: NDArray[Any]
-
-
-def decode_joint_columns(messages: Sequence[bytes]) -> JointColumns | None:
-    """Return JointStates as `decode_joints` does, all at once, as a recording of one arm has them.
-
-    None if there is none, or if they differ in more than stamps and numbers.
-
-    Raises
-    ------
-    ValueError
-        If the first message is not a JointState.
-    """
-    if not messages:
-        return None
-    first = messages[0]
-    joints = decode_joints(first)
-    size = len(first)
-    reader = Reader(first)
-    reader.time(), reader.string(), reader.strings()
-    spans = [(0, len(HEADER)), (STAMP + TIME.size, reader.at)]
-    columns = []
-    for _ in JOINT_FIELDS:
-        before = reader.at
-        count = reader.length(8)
-        spans.append((before + (-before) % 4, reader.at))
-        start = reader.take(8 * count, 8) if count else reader.at
-        columns.append(slice(start, reader.at))
-    # Padding between fields has any value.
-    if reader.order != '<' or any(len(data) != size for data in messages):
-        return None
-    rows = np.frombuffer(b''.join(messages), np.uint8).reshape(len(messages), size)
-    for start, end in spans:
-        if (rows[:, start:end] != rows[0, start:end]).any():
-            return None
-    times = np.ascontiguousarray(rows[:, STAMP : STAMP + TIME.size]).view('<i4,<u4')[:, 0]
-    nanoseconds = times['f1'].astype(np.int64)
-    if (nanoseconds >= NANOSECONDS).any():
-        return None
-    stamps_ns = times['f0'].astype(np.int64) * NANOSECONDS + nanoseconds
-    numbers = [np.ascontiguousarray(rows[:, span]).view('<f8').astype('f8') for span in columns]
-    return JointColumns(joints.names, joints.frame_id, stamps_ns, *numbers)

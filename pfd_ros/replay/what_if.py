@@ -217,6 +217,11 @@ def what_if(
     with damage_named(path):
         old = _from_start(case.arrays, case.states, _times_ns(case), begins[0])
         new = _recorded_states(target, topic, begins[1])
+        if result.failure and new[topic].time[-1] < old[case.states].time[0]:
+            raise LogError(
+                f'the simulation failed before the first recorded state: {result.failure}; the '
+                f'new run is in {target}'
+            )
         found = compare(old, new, topics=(case.states, topic), lag=0.0)
         alone = _rounding(case, engine, new, topic, begins[1]) if rounding else None
         limits = dict(zip(JOINT_FIELDS, map(float, thresholds), strict=True))

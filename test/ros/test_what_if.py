@@ -434,6 +434,13 @@ def test_a_run_that_overflows_says_when(swing: Path) -> None:
     assert back.seconds == pytest.approx(0.4)
 
 
+def test_a_run_that_fails_before_the_first_recorded_state_says_so(tmp_path: Path) -> None:
+    # The log has a state every 50 ms.
+    simulate(tmp_path / 'a.mcap', 100, {3: [efforts(1.0, 1.0)]}, publish_rate=20.0)
+    with pytest.raises(LogError, match=r'failed before the first recorded state.*a_what_if\.mcap'):
+        what_if(tmp_path / 'a.mcap', ['damping=[1e6, 1e6]', 'integrator=rk4'])
+
+
 def test_a_log_that_was_cut_off_is_compared_up_to_the_cut(swing: Path, tmp_path: Path) -> None:
     path = tmp_path / 'a.mcap'
     path.write_bytes(swing.read_bytes()[: swing.stat().st_size * 2 // 3])

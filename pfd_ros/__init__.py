@@ -4,6 +4,7 @@
 
 Subpackages in the order of data flow; each imports only from those above it:
 
+    files        new files, never over existing ones
     text         text from outside, shortened and printable
     files        new files, never over existing ones
     messages     bytes of ROS 2 messages -> arrays and back

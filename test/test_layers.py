@@ -58,16 +58,16 @@ PFD_ROS = {
     'replay': {'text', 'files', 'messages', 'arm', 'recording'},
     'motion': set(),
     'page': {'text', 'files', 'messages', 'arm', 'recording', 'motion'},
-    'advice': {'text', 'messages', 'arm', 'recording', 'replay'},
-    'node': {'text', 'messages', 'arm', 'recording', 'replay'},
-    'testing': {'text', 'messages', 'arm', 'recording', 'replay', 'motion', 'page'},
-    'view': {'text', 'messages', 'arm', 'recording', 'node', 'testing'},
+    'advice': {'text', 'files', 'messages', 'arm', 'recording', 'replay'},
+    'node': {'text', 'files', 'messages', 'arm', 'recording', 'replay'},
+    'testing': {'text', 'files', 'messages', 'arm', 'recording', 'replay', 'motion', 'page'},
+    'view': {'text', 'files', 'messages', 'arm', 'recording', 'node', 'testing'},
     'demo': {
         *('text', 'messages', 'arm', 'recording', 'replay', 'page', 'node', 'testing', 'view'),
     },
     'cli': {
-        *('text', 'messages', 'arm', 'recording', 'replay', 'page', 'advice', 'node', 'view'),
-        'demo',
+        *('text', 'files', 'messages', 'arm', 'recording', 'replay', 'page', 'advice', 'node'),
+        *('view', 'demo'),
     },
 }
 SIMULATION: dict[str, set[str]] = {'contact': set()}

@@ -48,55 +48,33 @@ WHAT_IF: dict[str, Any] = {
 
 
 def _replay_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        'log',
-        type=Path,
-        metavar='LOG',
-        help=f'a recording; with --publish or --commands any {ANY_LOG}',
-    )
-    mode = parser.add_mutually_exclusive_group()
-    mode.add_argument(
-        '--verify', action='store_true', help='simulate it again; fail at the first differing bit'
-    )
-    mode.add_argument(
-        '--what-if',
-        nargs='*',
-        metavar='KEY=VALUE',
-        help='simulate its inputs with other parameters of the node, and compare',
-    )
-    parser.add_argument(
-        '--allow-incomplete',
-        action='store_true',
-        help=f'with --verify: status 0, not {INCOMPLETE}, for a log that is equal but incomplete',
-    )
+    logs = f'a recording; with --publish or --commands any {ANY_LOG}'
+    parser.add_argument('log', type=Path, metavar='LOG', help=logs)
+    add = parser.add_mutually_exclusive_group().add_argument
+    add('--verify', action='store_true', help='simulate it again; fail at the first differing bit')
+    what_if = 'simulate its inputs with other parameters of the node, and compare'
+    add('--what-if', nargs='*', metavar='KEY=VALUE', help=what_if)
+    allow = f'with --verify: status 0, not {INCOMPLETE}, for a log that is equal but incomplete'
+    parser.add_argument('--allow-incomplete', action='store_true', help=allow)
     group = parser.add_argument_group(
         'with --what-if', 'example: pfd replay run.mcap --what-if payload.mass=2 friction.elbow=3'
     )
-    group.add_argument(
-        '--commands',
-        metavar='TOPIC',
-        help='topic with efforts of any bag (JointState or Float64MultiArray); requires robot=',
-    )
-    group.add_argument('--states', metavar='TOPIC', help="with --commands: the bag's JointStates")
+    add = group.add_argument
+    commands = 'topic with efforts of any bag (JointState or Float64MultiArray); requires robot='
+    add('--commands', metavar='TOPIC', help=commands)
+    add('--states', metavar='TOPIC', help="with --commands: the bag's JointStates")
     add_rename(group)
-    group.add_argument(
-        '--out', type=Path, metavar='FILE', help='log of the new run (default: ./LOG_what_if.mcap)'
+    add('--out', type=Path, metavar='FILE', help='the new log (default: ./LOG_what_if.mcap)')
+    units = ('Q', 'QD', 'TAU')
+    beyond = 'differences beyond which runs have diverged'
+    add('--thresholds', nargs=3, type=float, metavar=units, help=beyond)
+    rounding = (
+        'simulate a third time, with 2.2e-16 added to each position that the arm is set to: how '
+        'far rounding alone leads'
     )
-    group.add_argument(
-        '--thresholds',
-        nargs=3,
-        type=float,
-        metavar=('Q', 'QD', 'TAU'),
-        help='differences beyond which runs have diverged',
-    )
-    group.add_argument(
-        '--rounding',
-        action='store_true',
-        help='simulate a third time, with 2.2e-16 added to each position that the arm is set to: '
-        'how far rounding alone leads',
-    )
-    group.add_argument('--plot', type=Path, metavar='FILE', help='plot both runs (.png, .svg)')
-    group.add_argument('--json', action='store_true', help='print JSON')
+    add('--rounding', action='store_true', help=rounding)
+    add('--plot', type=Path, metavar='FILE', help='plot both runs (.png, .svg)')
+    add('--json', action='store_true', help='print JSON')
     publish.add_arguments(parser)
     parser.set_defaults(**WHAT_IF)
 
@@ -219,24 +197,17 @@ def _date(ns: int) -> str:
 
 
 def _compare_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('a', type=Path, metavar='A', help=ANY_LOG)
-    parser.add_argument('b', type=Path, metavar='B')
-    parser.add_argument(
-        '--tolerance',
-        type=float,
-        default=0.0,
-        metavar='X',
-        help='differences up to X count as equal, in the unit of each field (default 0)',
-    )
-    parser.add_argument(
-        '--topics', nargs=2, metavar=('TOPIC_A', 'TOPIC_B'), help='one topic of each log'
-    )
-    parser.add_argument(
-        '--lag', type=float, metavar='S', help='lag of B (default: 0 on one clock, else estimated)'
-    )
+    add = parser.add_argument
+    add('a', type=Path, metavar='A', help=ANY_LOG)
+    add('b', type=Path, metavar='B')
+    equal = 'differences up to X count as equal, in the unit of each field (default 0)'
+    add('--tolerance', type=float, default=0.0, metavar='X', help=equal)
+    add('--topics', nargs=2, metavar=('TOPIC_A', 'TOPIC_B'), help='one topic of each log')
+    lag = 'lag of B (default: 0 on one clock, else estimated)'
+    add('--lag', type=float, metavar='S', help=lag)
     add_rename(parser)
-    parser.add_argument('--json', action='store_true', help='print JSON')
-    parser.add_argument('--plot', type=Path, metavar='FILE', help='plot both logs (.png, .svg)')
+    add('--json', action='store_true', help='print JSON')
+    add('--plot', type=Path, metavar='FILE', help='plot both logs (.png, .svg)')
 
 
 def _compare(given: argparse.Namespace) -> int:
@@ -268,12 +239,8 @@ def _compare(given: argparse.Namespace) -> int:
 
 def _recover_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('log', type=Path, metavar='LOG.mcap')
-    parser.add_argument(
-        '--out',
-        type=Path,
-        metavar='FILE',
-        help='default: ./LOG.recovered.mcap; it must not exist',
-    )
+    out = 'default: ./LOG.recovered.mcap; it must not exist'
+    parser.add_argument('--out', type=Path, metavar='FILE', help=out)
 
 
 def _recover(given: argparse.Namespace) -> int:

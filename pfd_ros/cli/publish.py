@@ -14,7 +14,7 @@ from pfd_ros.node.main import ignore_signals, stop_on_signals
 # Of the player; and of its clock, without a number like `ros2 bag play --clock`.
 RATES, CLOCK_HZ, CLOCK_RATES = (1e-3, 1e3), 40.0, (1e-3, 1e4)
 # Longest offset and duration, s: a century.
-LONGEST_SECONDS = 3.2e9
+LONGEST = 3.2e9
 # Options without effect on other commands than --publish, with their defaults.
 DEFAULTS: dict[str, Any] = {
     'rate': 1.0,
@@ -36,43 +36,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'folder of rosbag2) at their log times, but no commands unless --topics names them. It '
         'has the services ~/pause and ~/step and the parameters rate and seek_to.',
     )
-    group.add_argument('--publish', action='store_true', help='publish the messages of the log')
-    group.add_argument(
-        '--rate', type=number('rate', *RATES), metavar='X', help='speed (default 1)'
-    )
-    group.add_argument('--loop', action='store_true', help='begin again at the end')
-    group.add_argument(
-        '--start-offset',
-        type=number('start offset', 0.0, LONGEST_SECONDS),
-        metavar='S',
-        help='start S seconds after the first message; transient local messages from before it '
-        'are sent first',
-    )
-    group.add_argument(
-        '--duration',
-        type=number('duration', 1e-9, LONGEST_SECONDS),
-        metavar='S',
-        help='stop after S seconds of log time',
-    )
-    group.add_argument(
-        '--topics', nargs='+', metavar='TOPIC', help='publish only these topics; may name commands'
-    )
-    group.add_argument(
-        '--remap',
-        type=pair(':='),
-        action='append',
-        metavar='A:=B',
-        help='publish topic A of the log on B; may be repeated',
-    )
-    group.add_argument(
-        '--clock',
-        nargs='?',
-        const=CLOCK_HZ,
-        type=number('clock', *CLOCK_RATES),
-        metavar='HZ',
-        help=f'publish the log time on /clock (default {CLOCK_HZ:g} Hz), unless the log has it',
-    )
-    group.add_argument('--start-paused', action='store_true', help='wait for ~/pause with false')
+    add = group.add_argument
+    offset, duration = number('start offset', 0.0, LONGEST), number('duration', 1e-9, LONGEST)
+    clock = f'publish the log time on /clock (default {CLOCK_HZ:g} Hz), unless the log has it'
+    early = 'start S seconds after the first message; latched messages from before are sent first'
+    add('--publish', action='store_true', help='publish the messages of the log')
+    add('--rate', type=number('rate', *RATES), metavar='X', help='speed (default 1)')
+    add('--loop', action='store_true', help='begin again at the end')
+    add('--start-offset', type=offset, metavar='S', help=early)
+    add('--duration', type=duration, metavar='S', help='stop after S seconds of log time')
+    add('--topics', nargs='+', metavar='TOPIC', help='only these topics; may name commands')
+    remap = 'publish topic A of the log on B; may be repeated'
+    add('--remap', type=pair(':='), action='append', metavar='A:=B', help=remap)
+    rate = number('clock', *CLOCK_RATES)
+    add('--clock', nargs='?', const=CLOCK_HZ, type=rate, metavar='HZ', help=clock)
+    add('--start-paused', action='store_true', help='wait for ~/pause with false')
     parser.set_defaults(**DEFAULTS)
 
 

@@ -11,74 +11,42 @@ import sys
 
 import pfd_core as pfd
 from pfd_ros.cli.terminal import Command, print_lines, progress_on, reads_logs
+from pfd_ros.files import new_file
 from pfd_ros.text import one_line
 
 LOG = 'one HTML page of a log: what went wrong first, and its curves; opens without network'
 SCENE = 'which effects of a scene a motion needs within a tolerance, and the error without each'
 SINE = 'sine'
+ROBOT = 'a name that `pfd robots` lists, or a file'
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
+    pages = 'Pages of measurements (speed, errors, counts): python -m benchmarks, in a checkout'
     kinds = parser.add_subparsers(
-        dest='what',
-        metavar='WHAT',
-        required=True,
-        title='reports',
-        description=(
-            'Pages of measurements (speed, errors, counts) are in a checkout: python -m benchmarks'
-        ),
+        dest='what', metavar='WHAT', required=True, title='reports', description=pages
     )
     example = 'example: pfd report log run.mcap --out run.html'
-    log = kinds.add_parser('log', help=LOG, description=LOG, epilog=example)
-    log.add_argument('log', type=Path, metavar='LOG', help='MCAP or .db3 file, folder of rosbag2')
-    log.add_argument(
-        '--out',
-        type=Path,
-        metavar='FILE',
-        help='the page, never over an existing file; default ./NAME.html for NAME.mcap',
-    )
-    log.add_argument(
-        '--robot',
-        help='the robot of a log that holds none, for its limits: a name that `pfd robots` lists, '
-        'or a file',
-    )
-    for name, what in (('--start', 'begin'), ('--end', 'end')):
-        log.add_argument(
-            name, type=float, metavar='S', help=f'{what} S seconds after the first message'
-        )
+    add = kinds.add_parser('log', help=LOG, description=LOG, epilog=example).add_argument
+    add('log', type=Path, metavar='LOG', help='MCAP or .db3 file, folder of rosbag2')
+    out = 'the page, never over an existing file; default ./NAME.html for NAME.mcap'
+    add('--out', type=Path, metavar='FILE', help=out)
+    add('--robot', help=f'the robot of a log that holds none, for its limits: {ROBOT}')
+    for name in ('start', 'end'):
+        when = f'{name} S seconds after the first message'
+        add(f'--{name}', type=float, metavar='S', help=when)
     example = 'example: pfd report scene --robot puma560 --trajectory sine --tolerance 1e-3'
-    scene = kinds.add_parser('scene', help=SCENE, description=SCENE, epilog=example)
-    scene.add_argument(
-        '--robot', help='a robot that `pfd robots` lists, or a file; default: the robot of the log'
-    )
-    scene.add_argument(
-        '--trajectory',
-        required=True,
-        metavar=f'LOG.mcap|{SINE}',
-        help=f'a recording; or {SINE}: each joint follows a sine',
-    )
-    scene.add_argument(
-        '--tolerance',
-        required=True,
-        type=float,
-        help='largest error of a joint position, rad or m',
-    )
-    scene.add_argument(
-        '--scene',
-        type=Path,
-        metavar='FILE',
-        help='the full scene; default: all effects in the model and the settings of the log',
-    )
-    scene.add_argument(
-        '--window', type=float, default=0.1, help='length of an open-loop window, s; default 0.1'
-    )
-    scene.add_argument(
-        '--out',
-        type=Path,
-        default=Path('scene.yaml'),
-        metavar='FILE',
-        help='the smallest scene found, never over an existing file; default ./scene.yaml',
-    )
+    add = kinds.add_parser('scene', help=SCENE, description=SCENE, epilog=example).add_argument
+    add('--robot', help=f'{ROBOT}; default: the robot of the log')
+    motion = f'a recording; or {SINE}: each joint follows a sine'
+    add('--trajectory', required=True, metavar=f'LOG.mcap|{SINE}', help=motion)
+    error = 'largest error of a joint position, rad or m'
+    add('--tolerance', required=True, type=float, help=error)
+    full = 'the full scene; default: all effects in the model and the settings of the log'
+    add('--scene', type=Path, metavar='FILE', help=full)
+    window = 'length of an open-loop window, s; default 0.1'
+    add('--window', type=float, default=0.1, help=window)
+    out = 'the smallest scene found, never over an existing file; default ./scene.yaml'
+    add('--out', type=Path, default=Path('scene.yaml'), metavar='FILE', help=out)
 
 
 @reads_logs
@@ -143,7 +111,7 @@ def _scene(given: argparse.Namespace) -> int:
         *(f'not simulated: {name}: {reason}' for name, reason in refused.items()),
     ]
     print_lines(text)
-    with path.open('x', encoding='utf-8') as file:
+    with new_file(path, 'x', encoding='utf-8') as file:
         file.writelines(f'# {one_line(line)}\n' for line in ('smallest scene found of', *text))
         file.write(pfd.scene_to_yaml(advice.scene))
     print_lines([path])

@@ -129,11 +129,11 @@ def number(name: str, least: float, most: float) -> Callable[[str], float]:
 
 
 def pair(sign: str) -> Callable[[str], tuple[str, str]]:
-    """Return a parser of two names with a sign between them."""
+    """Return a parser of two names with a sign between them; after `=` there may be nothing."""
 
     def parse(text: str) -> tuple[str, str]:
         old, found, new = text.partition(sign)
-        if not (old and found):
+        if not (old and found and (new or sign == '=')):
             raise argparse.ArgumentTypeError(f'expected OLD{sign}NEW, got {text!r}')
         return old, new
 

@@ -35,41 +35,27 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
     add('log', type=Path, nargs='?', metavar='LOG', help='MCAP file, .db3 file or rosbag2 folder')
     add('--live', action='store_true', help='show a running arm, as without LOG; needs ROS')
     add('--node', metavar='NODE', help='the running arm (default /sim_arm), such as /left/sim_arm')
-    add(
-        '--robot',
-        metavar='ROBOT',
-        help='the model, in place of the one in the log or on robot_description: a .urdf, .xacro '
-        'or .yaml file, or a name that `pfd robots` lists',
+    model = (
+        'the model, in place of the one in the log or on robot_description: a .urdf, .xacro or '
+        '.yaml file, or a name that `pfd robots` lists'
     )
+    add('--robot', metavar='ROBOT', help=model)
     add('--topic', metavar='TOPIC', help='the topic of joint states')
-    add(
-        '--wrench-topic',
-        metavar='TOPIC',
-        help="a topic of WrenchStamped to draw, in place of the arm's external wrench",
-    )
+    wrench = "a topic of WrenchStamped to draw, in place of the arm's external wrench"
+    add('--wrench-topic', metavar='TOPIC', help=wrench)
     add('--ghost', type=Path, metavar='LOG', help='a second log, shown translucent')
-    add(
-        '--ghost-topic',
-        metavar='TOPIC',
-        help='the topic of joint states of the ghost, such as commanded positions; without '
-        '--ghost a topic of the same log',
+    ghost = (
+        'the topic of joint states of the ghost, such as commanded positions; without --ghost a '
+        'topic of the same log'
     )
+    add('--ghost-topic', metavar='TOPIC', help=ghost)
     add_rename(parser)
-    add(
-        '--package-path',
-        action='append',
-        type=Path,
-        default=[],
-        metavar='FOLDER',
-        help='a package with meshes, or a folder of packages; may be repeated',
-    )
+    packages = 'a package with meshes, or a folder of packages; may be repeated'
+    folder = {'type': Path, 'default': [], 'metavar': 'FOLDER'}
+    add('--package-path', action='append', **folder, help=packages)
     add_port(parser)
-    add(
-        '--export',
-        type=Path,
-        metavar='FILE',
-        help='write one .html file that plays the log without Python or a network, and end',
-    )
+    page = 'write one .html file that plays the log without Python or a network, and end'
+    add('--export', type=Path, metavar='FILE', help=page)
     add('--open', action='store_true', help='open the page in the browser')
 
 

@@ -32,8 +32,8 @@ from pfd_ros.recording.arrays import LogArrays, read_log
 from pfd_ros.recording.format import LogError
 from pfd_ros.replay.compare import compare
 from pfd_ros.replay.verify import verify
-from pfd_ros.testing.process import ChildProcess
 from pfd_ros.testing.domains import FIRST, LAST, environment, own_domain
+from pfd_ros.testing.process import ChildProcess
 from pfd_ros.text import one_line
 from pfd_ros.view.ports import OPENED, check_page
 from pfd_ros.view.process import ViewProcess
@@ -201,7 +201,8 @@ def _results(base: Path, robot: pfd.Robot, report: Mapping[str, int]) -> Iterato
 def _rate(log: LogArrays, topic: str) -> bool:
     """Print the rate of the states; return whether the machine is too slow for it."""
     states = log[topic]
-    period = float(np.median(np.diff(states.stamp_ns))) / NANOSECONDS
+    stamps = np.asarray(states.stamp_ns, float)
+    period = float(np.median(np.diff(stamps))) / NANOSECONDS
     periods = np.diff(states.log_ns) / NANOSECONDS
     jitter = np.quantile(np.abs(periods - period), (0.5, 0.99, 1.0)) * 1e6
     rate, expected = 1 / periods.mean(), 1 / period

@@ -21,6 +21,7 @@ import websockets.asyncio.server
 from websockets.datastructures import Headers
 from websockets.http11 import Response
 
+from pfd_ros.files import new_file
 from pfd_ros.view.ports import HOST, check_port, in_use
 
 # Names of this computer, in requests of its browsers.
@@ -200,22 +201,17 @@ def export(
     `progress` is called with the finished part, 0 to 1. Return the number of bytes.
     """
     # Opened before the work, so that a wrong path is an error at once.
-    with path.open('x', encoding='utf-8') as stream:
-        try:
-            with page(0, '') as server:
-                show = fill(server)
-                show(0.0)
-                recording = server.get_scene_serializer()
-                times = frame_times(duration)
-                for before, time_ in pairwise(times):
-                    recording.insert_sleep(float(time_ - before))
-                    show(min(float(time_), duration))
-                    if progress is not None:
-                        progress(float(time_ / times[-1]))
-                return stream.write(recording.as_html())
-        except BaseException:
-            path.unlink()
-            raise
+    with new_file(path, 'x', encoding='utf-8') as stream, page(0, '') as server:
+        show = fill(server)
+        show(0.0)
+        recording = server.get_scene_serializer()
+        times = frame_times(duration)
+        for before, time_ in pairwise(times):
+            recording.insert_sleep(float(time_ - before))
+            show(min(float(time_), duration))
+            if progress is not None:
+                progress(float(time_ / times[-1]))
+        return int(stream.write(recording.as_html()))
 
 
 def frame_times(duration: float) -> NDArray[np.float64]:

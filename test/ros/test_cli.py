@@ -264,6 +264,7 @@ def test_escapes_of_a_terminal_in_names_are_printed_as_text(
         'replay a --publish --what-if',
         'replay a --publish --rate 0',
         'replay a --publish --remap b',
+        'replay a --publish --remap b:=',
         'replay a --verify --what-if',
         'compare a',
         'compare a b --rename c',

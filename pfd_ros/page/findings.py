@@ -27,6 +27,7 @@ from pfd_ros.arm.events import (
     REJECTED_COUNTS,
     REQUESTS,
     SET_STATE,
+    STATES,
     TRANSITION,
 )
 from pfd_ros.messages.types import DIAGNOSTICS
@@ -36,6 +37,8 @@ from pfd_ros.text import one_line
 BAD, WARNING, NOTE = 'bad', 'warning', 'note'
 # A shorter time without commands at the end of a log is no end of the controller [s].
 SILENCE = 0.1
+# What happened so long after the last state is beyond the window of the log [s].
+LATE = 1.0
 TEXT_LENGTH = 200
 NOT_OURS = 'not a recording of pfd'
 
@@ -182,6 +185,11 @@ def _totals(run: Recorded) -> dict[str, Any]:
 def _failure(run: Recorded) -> Iterator[Finding]:
     """The end record: why the simulation stopped, and a reflex that refused no command."""
     totals, end = _totals(run), _at(np.array([run.span[1]]))
+    states = run.of_role(STATES)
+    if states is not None and states.cycle is not None:
+        left = float(totals.get('cycles', 0)) - states.cycle[-1]
+        if left * float(run.settings.get('step_size') or 0.0) > LATE:
+            return
     if totals.get('failure'):
         text = f'the simulation stopped: {totals["failure"]}'
         yield Finding('failure', BAD, '', one_line(text, TEXT_LENGTH), end)

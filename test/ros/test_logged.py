@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from arm_messages import efforts, payload, placed, wrench
-from bridge import WRENCH_TYPE, definition_text, encode_joints, encode_numbers, logged
-from mcap.writer import Writer
+from bridge import WRENCH_TYPE, encode_joints, encode_numbers, logged
+from logs import JOINT_STATE, Row, write_mcap
 import numpy as np
 import pytest
 from recordings import simulate
@@ -18,23 +18,15 @@ from recordings import simulate
 import pfd_core as pfd
 from pfd_ros import read_log
 
-JOINT_STATE = 'sensor_msgs/msg/JointState'
 TIP = pfd.load_robot('planar2').tip
 JOINTS = ('shoulder', 'elbow')
 
 
 def write_bag(path: Path, rows: Iterable[tuple[str, str, float, bytes]]) -> Path:
     """Write a log of another program: topic, type, log time [s] and bytes."""
-    with path.open('xb') as stream:
-        writer, channels = Writer(stream), dict[str, int]()
-        writer.start(profile='ros2')
-        for topic, kind, time, data in rows:
-            if topic not in channels:
-                schema = writer.register_schema(kind, 'ros2msg', definition_text(kind).encode())
-                channels[topic] = writer.register_channel(topic, 'cdr', schema)
-            writer.add_message(channels[topic], round(1e9 * time), data, round(1e9 * time))
-        writer.finish()
-    return path
+    rows = list(rows)
+    kinds = {topic: kind for topic, kind, _, _ in rows}
+    return write_mcap(path, [Row(topic, time, data) for topic, _, time, data in rows], kinds)
 
 
 def state(

@@ -16,19 +16,17 @@ from typing import Any
 import zlib
 
 from arm_messages import change, efforts, named, placed, request
-from bags import STORE, random_message
 from bridge import (
     PAGE_TYPES,
     PageMoment,
     PageReference,
-    definition_text,
     encode_joints,
     page_of_log,
     pfd_main,
 )
 from browser import needs_browser
 from devtools import opened
-from mcap.writer import Writer
+from logs import JOINT_STATE, STORE, STRING, Row, random_message, write_mcap
 import numpy as np
 import pytest
 from recordings import simulate
@@ -38,7 +36,6 @@ import pfd_core as pfd
 from pfd_ros import read_log
 
 HOSTILE = '</script><img src=x onerror=alert(1)>&"\'{{}}\u2028'
-JOINT_STATE, STRING = 'sensor_msgs/msg/JointState', 'std_msgs/msg/String'
 DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 UR5 = (
     'shoulder_pan_joint',
@@ -72,26 +69,17 @@ def decoded(text: str, kind: str) -> Any:
 def write_bag(path: Path, messages: Iterable[tuple[Any, ...]], **more: Any) -> Path:
     """Write a log of another program: topic, log time [s], a JointState's fields or bytes, type.
 
-    `more` are type and encoding, where they are not those of a JointState.
+    `more` are type and encoding of all topics, where they are not those of a JointState.
     """
-    with path.open('xb') as stream:
-        writer = Writer(stream)
-        writer.start(profile='ros2')
-        channels: dict[str, int] = {}
-        for topic, time, given, *own in messages:
-            kind = own[0] if own else more.get('kind', JOINT_STATE)
-            if topic not in channels:
-                text = definition_text(kind) if '/msg/' in kind else ''
-                schema = writer.register_schema(kind, 'ros2msg', text.encode())
-                channels[topic] = writer.register_channel(
-                    topic, more.get('encoding', 'cdr'), schema
-                )
-            ns, data = round(time * 1e9), given
-            if isinstance(given, Mapping):
-                data = encode_joints(**{'stamp_ns': ns, **given})
-            writer.add_message(channels[topic], ns, data, ns)
-        writer.finish()
-    return path
+    rows, kinds = [], {}
+    for topic, time, given, *own in messages:
+        kinds[topic] = own[0] if own else more.get('kind', JOINT_STATE)
+        data = given
+        if isinstance(given, Mapping):
+            data = encode_joints(**{'stamp_ns': round(time * 1e9), **given})
+        rows.append(Row(topic, time, data))
+    schemas = {more['kind']: ('ros2msg', b'', more['encoding'])} if 'encoding' in more else None
+    return write_mcap(path, rows, kinds, schemas=schemas)
 
 
 def states(
@@ -230,6 +218,18 @@ def test_the_end_of_a_controller_is_no_fault(tmp_path: Path) -> None:
     late = {x.kind: x.severity for x in page.findings if x.time > 0.299}
     assert late['watchdog'] == 'note'
     assert 'headline good' in page.html
+
+
+def test_a_window_of_a_log_shows_only_what_is_in_it(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    events = {500: [efforts(1.0)], 3000: [efforts(1e300, 0.0)]}
+    limits = {'effort_limits': False, 'torque_speed': False, 'recording_time': 'simulated'}
+    simulate(path, 3200, events, **limits, **FREE)
+    kinds = []
+    for window in ({}, {'start': 0.2, 'end': 1.0}, {'end': 0.3}):
+        log = read_log(path, types=PAGE_TYPES, unreadable='count', **window)
+        kinds.append({x.kind for x in page_of_log(log).findings if x.severity == 'bad'})
+    assert kinds == [{'rejected input', 'failure'}, {'rejected input'}, set()]
 
 
 def test_a_joint_without_a_command_is_braked_in_the_diagnosis(tmp_path: Path) -> None:
@@ -501,7 +501,7 @@ def test_the_energy_follows_the_payload_of_the_run(tmp_path: Path) -> None:
             assert values[2] == values[:2].sum()
 
 
-KINDS = (JOINT_STATE, DIAGNOSTICS, 'std_msgs/msg/Float64MultiArray', 'std_msgs/msg/String')
+KINDS = (JOINT_STATE, DIAGNOSTICS, 'std_msgs/msg/Float64MultiArray', STRING)
 NUMBERS = (0.0, 1.0, -2.5, np.nan, np.inf, 1e308)
 
 

@@ -191,7 +191,6 @@ NAMES = {
     'uniform_chain_robot': 'benchmarks.cases.robots:uniform_chain',
     # pfd_ros.messages: bytes of ROS 2 messages -> arrays and back
     'HEADER': 'pfd_ros.messages.cdr:HEADER',
-    'CdrWriter': 'pfd_ros.messages.cdr:Writer',
     'CLOCK_TYPE': 'pfd_ros.messages.types:CLOCK',
     'FLOAT_ARRAY_TYPE': 'pfd_ros.messages.types:FLOAT_ARRAY',
     'INERTIA_TYPE': 'pfd_ros.messages.types:INERTIA',
@@ -261,7 +260,6 @@ NAMES = {
     'speeding': 'pfd_ros.arm.advice:speeding',
     'LinkFrames': 'pfd_ros.arm.frames:LinkFrames',
     'parsed_urdf': 'pfd_ros.arm.description:parsed_urdf',
-    'WALL_TIME': 'pfd_ros.arm.settings:WALL',
     'ArmMessage': 'pfd_ros.arm.events:Message',
     'ARM_ROLES': 'pfd_ros.arm.events:ROLES',
     'ARM_INPUTS': 'pfd_ros.arm.events:INPUTS',
@@ -474,7 +472,6 @@ OBJECTS = (
     'Advice',
     'ArrayEncoder',
     'Bag',
-    'CdrWriter',
     'ChildProcess',
     'compare_logs',
     'ControllerProcess',

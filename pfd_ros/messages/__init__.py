@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bytes of ROS 2 messages to arrays and back, without ROS.
 
-cdr                the wire format, one value at a time
-types              names, definitions and hashes of message types
-joints             JointState
-numbers            a stamp and a fixed count of numbers: clock, pose, wrench; frames of links
-text_and_arrays    String and Float64MultiArray
-columns            fields of many messages of any type as arrays, by its definition
-qos                QoS profiles as rosbag2 writes them
-topics             topics and message classes for nodes of rclpy
+    cdr                the wire format, one value at a time
+    types              names, definitions and hashes of message types
+    joints             JointState
+    numbers            a stamp and a fixed count of numbers: clock, pose, wrench; frames of links
+    text_and_arrays    String and Float64MultiArray
+    columns            fields of many messages of any type as arrays, by its definition
+    qos                QoS profiles as rosbag2 writes them
+    topics             topics and message classes for nodes of rclpy
+
+A message type that arms read or write is a name in `types`, and its functions in one module.
 """

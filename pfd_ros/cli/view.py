@@ -103,7 +103,7 @@ def _log(given: argparse.Namespace) -> int:
         with suppress(KeyboardInterrupt):
             _announce(address(server), given.log.name, given.open)
             player.run(threading.Event())
-    return 0
+    return int(shown.log.unreadable > 0)
 
 
 def _live(given: argparse.Namespace) -> None:

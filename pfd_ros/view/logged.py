@@ -86,6 +86,7 @@ class Logged:
     payload: Timeline[Payload]
     tip: str
     problems: tuple[str, ...]
+    unreadable: int = 0
 
 
 def logged(
@@ -160,6 +161,7 @@ def logged(
         payload,
         tip if tip in poses.links else poses.tip,
         tuple(map(one_line, problems)),
+        states.unreadable,
     )
 
 

@@ -25,7 +25,8 @@ from pfd_ros.arm.events import ARRAY, INPUTS, NAMED, STATES
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS, JOINT_UNITS
 from pfd_ros.messages.types import JOINT_STATE
-from pfd_ros.recording.arrays import LogArrays, TopicArrays
+from pfd_ros.recording.arrays import LogArrays
+from pfd_ros.recording.topic_arrays import TopicArrays
 from pfd_ros.text import cut, one_line
 
 Array: TypeAlias = NDArray[Any]

@@ -8,7 +8,7 @@ file. MCAP is read by `mcap_records`, SQLite by Python's own module.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 import heapq
@@ -310,12 +310,3 @@ def in_order(messages: Iterator[BagMessage], late_ns: int) -> Iterator[BagMessag
             )
     while waiting:
         yield heapq.heappop(waiting)[2]
-
-
-def lateness(times_ns: Sequence[int]) -> int:
-    """Return the largest time by which a message is earlier than one before it [ns]."""
-    latest = largest = 0
-    for at in times_ns:
-        latest = max(latest, at)
-        largest = max(largest, latest - at)
-    return largest

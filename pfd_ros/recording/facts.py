@@ -14,7 +14,8 @@ import numpy as np
 
 from pfd_ros.arm.events import INPUTS
 from pfd_ros.messages.types import JOINT_STATE
-from pfd_ros.recording.arrays import COUNT, LogArrays, decoder_of, read_log
+from pfd_ros.recording.arrays import COUNT, LogArrays, read_log
+from pfd_ros.recording.topic_arrays import decoder_of
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import CLOCK, JOINT_STATE
-from pfd_ros.recording.arrays import LogArrays, TopicArrays
+from pfd_ros.recording.arrays import LogArrays
+from pfd_ros.recording.topic_arrays import TopicArrays
 from pfd_ros.text import listed
 
 Array = NDArray[Any]

@@ -41,9 +41,10 @@ from pfd_ros.messages.cdr import NANOSECONDS, STAMP, TIME
 from pfd_ros.messages.joints import decode_joints, encode_joints
 from pfd_ros.messages.text_and_arrays import decode_floats, decode_string, encode_floats
 from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
-from pfd_ros.recording.arrays import LogArrays, TopicArrays, renamed
+from pfd_ros.recording.arrays import LogArrays, renamed
 from pfd_ros.recording.format import EndKey, LogError
 from pfd_ros.recording.log import Log
+from pfd_ros.recording.topic_arrays import TopicArrays
 from pfd_ros.text import cut, listed
 
 # A longer time without a message means that the clock of a bag was changed, s.

@@ -21,7 +21,8 @@ import pfd_core as pfd
 from pfd_ros.arm.events import DESCRIPTION, PAYLOAD_IN_USE, STATES, TIP_WRENCH
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.types import INERTIA, JOINT_STATE, STRING, WRENCH
-from pfd_ros.recording.arrays import LogArrays, TopicArrays, read_log, renamed
+from pfd_ros.recording.arrays import LogArrays, read_log, renamed
+from pfd_ros.recording.topic_arrays import TopicArrays
 from pfd_ros.text import cut, listed, one_line
 from pfd_ros.view.arm import LinkPoses
 from pfd_ros.view.forms import named_model, parsed_urdf

@@ -93,17 +93,17 @@ def _log(given: argparse.Namespace) -> int:
     def fill(server: Any) -> Any:
         return shown.fill(server, ghost)
 
-    times = shown.log.time
+    times, status = shown.log.time, int(shown.log.unreadable > 0)
     if given.export:
         size = export(given.export, float(times[-1]), fill, progress_on(sys.stderr))
         print_lines([f'{given.export} plays {given.log.name} in a browser ({size / 1e6:.1f} MB)'])
-        return 0
+        return status
     with page(given.port, given.log.name) as server:
         player = Player(server.gui, times, fill(server))
         with suppress(KeyboardInterrupt):
             _announce(address(server), given.log.name, given.open)
             player.run(threading.Event())
-    return int(shown.log.unreadable > 0)
+    return status
 
 
 def _live(given: argparse.Namespace) -> None:

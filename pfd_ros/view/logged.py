@@ -74,6 +74,8 @@ class Logged:
         The link whose path is drawn.
     problems
         What the log lacks, a line each.
+    unreadable
+        Number of joint states that cannot be decoded.
     """
 
     urdf: pfd.Urdf

@@ -34,6 +34,7 @@ from pfd_ros.page.curves import Plot, Reference, commanded_positions, encoded, p
 from pfd_ros.page.findings import BAD, NOTE, Finding, commands_end, find
 from pfd_ros.page.recorded import Array, Joints, Recorded
 from pfd_ros.recording.arrays import LogArrays
+from pfd_ros.recording.format import damage_named
 from pfd_ros.text import cut, one_line
 
 # What a page reads of a log.
@@ -99,8 +100,17 @@ def page(
         Moments and references to draw, in the times of the page.
     robot
         The robot of a log that holds none, for its limits.
+
+    Raises
+    ------
+    LogError
+        If its settings or other metadata are damaged.
     """
-    run, marks = Recorded(log, robot), tuple(marks)
+    with damage_named(log.path):
+        return _page(Recorded(log, robot), tuple(marks))
+
+
+def _page(run: Recorded, marks: Sequence[Moment | Reference]) -> Page:
     moments = [mark for mark in marks if isinstance(mark, Moment)]
     references = [mark for mark in marks if isinstance(mark, Reference)]
     references = references or list(commanded_positions(run))
@@ -111,7 +121,7 @@ def page(
     found.sort(key=lambda x: (x.time, x.severity == NOTE))
     first = next((x for x in found if x.severity != NOTE), None)
     unreadable = list(run.unreadable)
-    if not log.complete:
+    if not run.log.complete:
         run.notes['the file is cut off: it was not closed, and the page is up to the cut'] = None
     if not run.joints and not unreadable:
         run.notes['the log has no joint states'] = None
@@ -129,7 +139,7 @@ def page(
         _settings(run),
     ]
     html = _document(
-        log.path.name,
+        run.log.path.name,
         ''.join(cards),
         _data(run, plots[:MOST_PLOTS], found, first, moments),
     )
@@ -153,9 +163,8 @@ def _said(run: Recorded, first: Finding | None) -> tuple[str, str]:
 # The cards beside the plots.
 
 
-def _button(time: float, joint: str = '') -> str:
-    name = f' data-joint="{escape(joint)}"' if joint else ''
-    return f'<button data-time="{time!r}"{name}>{time:.3f} s</button>'
+def _button(time: float) -> str:
+    return f'<button data-time="{time!r}">{time:.3f} s</button>'
 
 
 def _card(title: str, body: str, css: str = '') -> str:
@@ -172,7 +181,7 @@ def _headline(
 ) -> str:
     body = f'<p class="what">{escape(said[:1].upper() + said[1:])}</p>'
     if first is not None:
-        when = f'{_button(first.time, first.joint)} {escape(first.kind)}'
+        when = f'{_button(first.time)} {escape(first.kind)}'
         joint = f'<b>{escape(first.joint)}</b> ' if first.joint else ''
         first_text = f'<p class="when">{when}</p><p class="what">{joint}{escape(first.text)}</p>'
         body = (body if run.unreadable else '') + first_text
@@ -211,12 +220,11 @@ def _story_row(first: Finding, *others: Finding) -> str:
     text = f'{joint}{kind}{escape(first.text)}{times(first)}'
     if others:
         then = ' '.join(
-            f'<span>{_button(other.time, other.joint)} {escape(other.joint)}{times(other)}</span>'
+            f'<span>{_button(other.time)} {escape(other.joint)}{times(other)}</span>'
             for other in others
         )
         text += f'<p class="small">then {then}</p>'
-    cell = _button(first.time, first.joint)
-    return f'<tr class="{first.severity}"><td>{cell}</td><td>{text}</td></tr>'
+    return f'<tr class="{first.severity}"><td>{_button(first.time)}</td><td>{text}</td></tr>'
 
 
 def _table(title: str, rows: Iterable[tuple[str, str]]) -> str:

@@ -29,7 +29,7 @@ from devtools import opened
 from logs import JOINT_STATE, STORE, STRING, Row, random_message, write_mcap
 import numpy as np
 import pytest
-from recordings import simulate
+from recordings import rewritten, simulate
 from waiting import wait_until
 
 import pfd_core as pfd
@@ -524,6 +524,23 @@ def test_random_and_damaged_messages_are_shown_or_named(seed: int, tmp_path: Pat
     assert page.plots
     assert len(data_of(page)['plots']) == len(page.plots)
     assert [x.time for x in page.findings] == sorted(x.time for x in page.findings)
+
+
+@pytest.mark.parametrize(
+    ('key', 'text'), [('versions', '{'), ('settings', '{"publish_rate": "x"}')]
+)
+def test_a_damaged_head_is_an_error_with_the_name_of_the_file(
+    key: str, text: str, tmp_path: Path
+) -> None:
+    path = tmp_path / 'b.mcap'
+    simulate(tmp_path / 'a.mcap', 20)
+    rewritten(
+        tmp_path / 'a.mcap',
+        path,
+        metadata=lambda name, found: {**found, key: text} if key in found else found,
+    )
+    with pytest.raises(ValueError, match=re.escape(str(path))):
+        shown(path)
 
 
 # The document.

@@ -47,6 +47,7 @@ QUEUE_BYTES, EACH_BYTES = 1 << 26, 200
 # Compressing a chunk keeps the interpreter busy for a millisecond.
 CHUNK_BYTES = 1 << 18
 READABLE = '; the part written so far is readable'
+TAKEN = 'the file was removed, moved, replaced or truncated'
 
 
 class Recorder:
@@ -111,6 +112,7 @@ class Recorder:
                 self._stream, CHUNK_BYTES, CompressionType.ZSTD, enable_data_crcs=True
             )
             self._ids = self._write_head(engine, topics)
+            self._size = self._stream.tell()
             self._thread = threading.Thread(target=self._run, name='recording', daemon=True)
             self._thread.start()
         except BaseException as error:
@@ -140,7 +142,7 @@ class Recorder:
             self._queue.append((wall_ns, stamp_ns, messages, size))
             self._bytes += size
         if self._bytes > QUEUE_BYTES:
-            self._fail('the disk is too slow')
+            self._fail(f'the disk is too slow{READABLE}')
 
     @property
     def waiting_share(self) -> float:
@@ -155,7 +157,7 @@ class Recorder:
         self._stalled = waited if drains == self._seen and self._bytes else 0.0
         self._checked, self._seen = now, drains
         if self._stalled > STALL_SECONDS:
-            self._fail(f'the disk did not respond for {STALL_SECONDS:g} s')
+            self._fail(f'the disk did not respond for {STALL_SECONDS:g} s{READABLE}')
         return 0.0 if self.error else self._bytes / QUEUE_BYTES
 
     def close(self, totals: Mapping[str, Any]) -> None:
@@ -164,7 +166,7 @@ class Recorder:
         self._closing.set()
         self._thread.join(CLOSE_SECONDS)
         if self._thread.is_alive():
-            self._fail(f'closing took longer than {CLOSE_SECONDS:g} s')
+            self._fail(f'closing took longer than {CLOSE_SECONDS:g} s{READABLE}')
 
     def _write_head(self, engine: Engine, topics: Mapping[str, str]) -> dict[str, int]:
         """Write settings, robot and channels; return the channel of each role."""
@@ -220,7 +222,7 @@ class Recorder:
         with self._lock:
             if self.error:
                 return
-            self.error = one_line(f'recording {self._path} stopped: {why}{READABLE}')
+            self.error = one_line(f'recording {self._path} stopped: {why}')
             self._queue.clear()
         self._report(self.error)
 
@@ -238,13 +240,16 @@ class Recorder:
                 self._write_end()
         except Exception as error:  # a fault of the disk does not stop the arm
             known = isinstance(error, OSError) and error.strerror
-            self._fail(str(known or error or type(error).__name__))
+            self._fail(f'{known}{READABLE}' if known else str(error) or type(error).__name__)
         finally:
             with suppress(OSError):  # what is still buffered does not fit either
                 self._stream.close()
 
     def _drain(self) -> None:
         """Write what waits, for one flush period at most: more may come all the time."""
+        # Before anything is written where the end was.
+        if os.fstat(self._stream.fileno()).st_size != self._size:
+            raise RuntimeError(TAKEN)
         add, ids, until = self._writer.add_message, self._ids, time.monotonic() + FLUSH_SECONDS
         with suppress(IndexError):  # until the queue is empty
             while time.monotonic() < until:
@@ -260,6 +265,7 @@ class Recorder:
                 with self._lock:
                     self._bytes -= size
         self._writer.flush()
+        self._size = self._stream.tell()
         self._drains += 1
 
     def _write_end(self) -> None:
@@ -280,15 +286,15 @@ class Recorder:
         """Bring the file to the disk; an error if another program has taken it."""
         self._stream.flush()
         os.fdatasync(self._stream.fileno())
-        own = os.fstat(self._stream.fileno())
         try:
-            same = os.path.samestat(os.stat(self._path), own)
+            found = os.stat(self._path)
+            same = os.path.samestat(found, os.fstat(self._stream.fileno()))
         except (FileNotFoundError, NotADirectoryError):
             same = False
         except PermissionError:  # the folder is not readable any more
             same = True
-        if not same or own.st_size != self._stream.tell():
-            raise RuntimeError('the file was removed, moved, replaced or truncated')
+        if not same:
+            raise RuntimeError(TAKEN)
 
 
 def totals_of(engine: Engine) -> dict[str, Any]:

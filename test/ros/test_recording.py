@@ -40,14 +40,14 @@ import pfd_core as pfd
 HERE = Path(__file__).resolve().parent
 
 
-def flushed(run: Run) -> None:
-    """Wait until all messages so far are in the file."""
-    wait_until(lambda: run.recorder.recorded.total() == len(run.messages))
-
-
 def written(path: Path) -> list[Message]:
     """Return the messages in the order of the file."""
     return [record for record in mcap_records(path) if isinstance(record, Message)]
+
+
+def flushed(run: Run, path: Path) -> None:
+    """Wait until all messages so far are in the file."""
+    wait_until(lambda: len(written(path)) == len(run.messages))
 
 
 # What is written.
@@ -269,7 +269,7 @@ def test_a_file_that_another_program_takes_ends_the_recording(
     path = tmp_path / 'run.mcap'
     run = Run(path)
     run.step(efforts(1.0, 2.0))
-    flushed(run)
+    flushed(run, path)
     take, why = FAULTS[fault]
     take(path)
     wait_until(lambda: run.step(efforts(1.0, 2.0)) or run.recorder.error)
@@ -285,7 +285,7 @@ def test_a_full_disk_ends_the_recording_and_the_file_verifies(tmp_path: Path) ->
     rng = random.Random(0)
     run = Run(path)
     run.step()
-    flushed(run)
+    flushed(run, path)
     with largest_file(path.stat().st_size + 5000):
         wait_until(lambda: run.step(efforts(rng.random(), 1.0)) or run.recorder.error)
     check_ended(run, 'File too large; the part written so far is readable')

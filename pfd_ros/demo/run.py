@@ -29,7 +29,6 @@ from pfd_ros.demo import scenario
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.page.page import TYPES, page
 from pfd_ros.recording.arrays import LogArrays, read_log
-from pfd_ros.recording.format import LogError
 from pfd_ros.replay.compare import compare
 from pfd_ros.replay.verify import verify
 from pfd_ros.testing.domains import FIRST, LAST, environment, own_domain
@@ -114,7 +113,7 @@ def run_demo(robot_name: str, seconds: float, folder: Path, view_port: int | Non
     if report is not None:
         try:
             problems += _results(base, robot, report)
-        except (LogError, OSError) as error:
+        except (ValueError, OSError) as error:
             problems.append(str(error))
     for problem in problems:
         print(one_line(f'FAILED: {problem}'), file=sys.stderr)
@@ -185,6 +184,9 @@ def _results(base: Path, robot: pfd.Robot, report: Mapping[str, int]) -> Iterato
         yield 'the recording was not closed'
     log = read_log(path, types=TYPES)
     topics = {role: topic for topic, role in log.roles.items()}
+    if len(log[topics[STATES]]) < 2:
+        yield 'the recording has no states'
+        return
     slow = _rate(log, topics[STATES])
     off = _tracking(log, (topics[STATES], topics[COMMANDS]))
     if off > TRACKING_LIMIT and not slow:

@@ -86,7 +86,9 @@ def from_here(headers: Any) -> bool:
         (host,), origins = headers.get_all('Host'), headers.get_all('Origin')
     except ValueError:
         return False
-    return host.rpartition(':')[0] in NAMES and all(o == f'http://{host}' for o in origins)
+    # Browsers leave out port 80.
+    name = host.rpartition(':')[0] or host
+    return name in NAMES and all(origin == f'http://{host}' for origin in origins)
 
 
 def _check_guard(port: int) -> None:

@@ -652,6 +652,7 @@ def test_an_export_replaces_no_file_and_leaves_none_behind(tmp_path: Path) -> No
     [
         ('127.0.0.1:PORT', None, False, 200),
         ('localhost:PORT', None, False, 200),
+        ('127.0.0.1', 'http://127.0.0.1', False, 200),
         ('127.0.0.1:PORT', 'http://127.0.0.1:PORT', False, 200),
         # Another port: a tunnel of ssh.
         ('localhost:9', 'http://localhost:9', False, 200),

@@ -25,7 +25,7 @@ import rclpy
 from rclpy.clock import ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor, TimeoutException
-from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter as NodeParameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -221,7 +221,8 @@ class NodeLink:
         if settings.publish_description:
             self._publishers[DESCRIPTION].publish(encode_string(described.text))
         self._commands = {role: self._reader(role, topics.get(role, '')) for role in COMMANDS}
-        self._events = EventsExecutor()
+        # What rclpy.experimental has around it enables faulthandler, which needs a real stderr.
+        self._events = rclpy_implementation.EventsExecutor(rclpy.get_default_context())
         self._events.add_node(_WithoutTimers(self._node, list(self._commands.values())))
         self._executor = _Timers(self._events)
         for node in self._nodes:
@@ -420,14 +421,13 @@ class NodeLink:
             if self._matched() != self._counts:
                 self._note('a node joined or left the topics of the arm')
             self._check_processes()
+        if self._period and time - self._commanded > self._period * (1 + 1e-6):
+            raise NoAnswerError(
+                f'no command since t = {self._commanded:.6g} s {self._where()}: the nodes have '
+                f'finished their callbacks; one is expected every {self._period:g} s'
+            )
         if self._came:
             self._commanded = time
-        elif self._period and not time - self._commanded <= self._period * (1 + 1e-6):
-            if not math.isnan(self._commanded):
-                raise NoAnswerError(
-                    f'no command since t = {self._commanded:.6g} s {self._where()}: the nodes have '
-                    f'finished their callbacks; one is expected every {self._period:g} s'
-                )
         return self._commands_of(sent)
 
     def _commands_of(self, sent: dict[str, int]) -> list[tuple[str, bytes]]:
@@ -606,7 +606,7 @@ class NodeLink:
         ends = self._ends()
         names = listed(sorted({name for role, name in ends if role == 'commands'}))
         return RejectedError(
-            f'the arm rejected a command of {names} {self._where()}: {verdict.label}: '
+            f'the arm rejected a command of {names} at t = {time:.6g} s: {verdict.label}: '
             f'{verdict.detail}'
         )
 

@@ -26,10 +26,13 @@ from pfd_ros.text import did_you_mean
 # that a killed test runner leaves nothing behind; exec keeps that (prctl(2)).
 START = f"""
 import ctypes, os, sys
+niceness, parent, *command = sys.argv[1:]
 if sys.platform == 'linux':
     ctypes.CDLL(None).prctl(1, {int(signal.SIGTERM)})
-os.nice(int(sys.argv[1]))
-os.execvp(sys.argv[2], sys.argv[2:])
+if os.getppid() != int(parent):
+    sys.exit('its parent has ended')
+os.nice(int(niceness))
+os.execvp(command[0], command)
 """
 # Of the output, in the text of an error.
 LAST_LINES = 15
@@ -65,7 +68,15 @@ class ChildProcess:
         with nullcontext() if output is None else output.open('wb') as stream:
             self.process = subprocess.Popen(
                 # Without site packages this start takes 10 ms.
-                [sys.executable, '-I', '-S', '-c', START, str(niceness), *self.command],
+                [
+                    sys.executable,
+                    '-I',
+                    '-S',
+                    '-c',
+                    START,
+                    *(str(niceness), str(os.getpid())),
+                    *self.command,
+                ],
                 cwd=cwd,
                 env=env,
                 stdin=subprocess.DEVNULL,

@@ -1,0 +1,731 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The arm in tests of controllers: its runs, its settings, and what it says of each fault."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+import os
+from pathlib import Path
+import pickle
+import re
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+from bridge import ChildProcess, pfd_main
+import gripper_arm
+import numpy as np
+import pytest
+from ros_processes import ROOT
+from tested_controllers import BEFORE, GOAL, command_of, faulty, node_of
+from waiting import PATIENCE, wait_until
+
+import pfd_core as pfd
+from pfd_ros.testing import (
+    REASONS,
+    ArmError,
+    ControllerError,
+    ControllerProcess,
+    LockstepArm,
+    NoAnswerError,
+    NodeProcess,
+    NodeProcessError,
+    RejectedError,
+    Trajectory,
+)
+
+# The stamp of the first state, s: zero is no time to ROS.
+START = 0.001
+UNLIMITED = {'effort_limits': False, 'torque_speed': False}
+UR5: dict[str, Any] = {'robot': 'ur5', 'armature': True, **UNLIMITED}
+
+
+def pd(t: float, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+    return 100.0 * (GOAL - q) - 10.0 * qd + np.sin(5 * t)
+
+
+def ur5(**settings: Any) -> LockstepArm:
+    return LockstepArm(**UR5, **settings)
+
+
+def assert_same_bits(one: Trajectory, other: Trajectory) -> None:
+    for name in ('time', 'q', 'qd', 'tau'):
+        a, b = getattr(one, name), getattr(other, name)
+        assert a.shape == b.shape
+        assert a.tobytes() == b.tobytes(), name
+
+
+# Runs of a callback.
+
+
+def test_twenty_runs_of_one_controller_have_the_same_bits() -> None:
+    first = ur5().run(pd, 0.3)
+    assert np.ptp(first.q, axis=0).min() > 0.01
+    assert first.notes == []
+    for _ in range(19):
+        assert_same_bits(ur5().run(pd, 0.3), first)
+
+
+@pytest.mark.parametrize('rate', [0.0, 200.0])
+def test_the_arm_moves_as_the_simulator_under_the_same_efforts(rate: float) -> None:
+    arm = ur5(publish_rate=rate)
+    steps = 5 if rate else 1
+    assert arm.period == pytest.approx(steps * 1e-3)
+    found = arm.run(pd, 0.2)
+    assert found.time == pytest.approx(START + arm.period * np.arange(200 // steps))
+    sim = pfd.Simulator(arm.robot, pfd.Scene(armature='model', brakes=True))
+    for k in range(200 // steps):
+        assert (found.q[k] == sim.q).all()
+        assert (found.qd[k] == sim.qd).all()
+        for _ in range(steps):
+            sim.step(found.tau[k])
+    assert (arm.q == sim.q).all()
+    assert arm.time == START + 0.2
+
+
+def test_a_run_continues_where_the_previous_one_ended() -> None:
+    whole, arm = ur5().run(pd, 0.3), ur5()
+    parts = [arm.run(pd, seconds) for seconds in (0.1, 0.15, 0.05)]
+    for name in ('time', 'q', 'qd', 'tau'):
+        joined = np.concatenate([getattr(part, name) for part in parts])
+        assert (joined == getattr(whole, name)).all()
+
+
+def test_seconds_are_whole_control_periods_rounded_up() -> None:
+    arm = ur5(publish_rate=200.0)
+    assert [len(arm.run(pd, t).time) for t in (0.005, 0.0051, 1e-9, 0.3)] == [1, 2, 1, 60]
+    for wrong in (0.0, -1.0, float('inf'), float('nan')):
+        with pytest.raises(ValueError, match='seconds is'):
+            arm.run(pd, wrong)
+
+
+def test_the_torque_of_a_row_is_what_acted_within_the_limits_of_the_arm() -> None:
+    arm = LockstepArm('ur5', torque_speed=False)
+    found = arm.run(lambda t, q, qd: np.full(6, 1e3 if t > START else 1.0), 0.002)
+    assert found.tau[0] == pytest.approx(np.ones(6))
+    assert found.tau[1] == pytest.approx(found.limits.effort)
+
+
+def test_a_joint_that_nobody_commands_is_braked_and_said_to_be() -> None:
+    with LockstepArm('planar2') as arm:
+        arm.set_state([0.5, 0.5])
+        still = arm.run(lambda t, q, qd: 0 * q, 0.01)
+    assert list(still.commanded) == [True, True]
+
+
+@pytest.mark.parametrize(
+    'settings',
+    [
+        {'noise_position': 1e-4, 'noise_velocity': 1e-2, 'delay_state': 0.004, 'seed': 3},
+        {'drop_state': 0.3, 'drop_commands': 0.2, 'delay_commands': 0.002},
+        {'publish_rate': 250.0, 'clock_rate': 500.0, 'noise_effort': 0.1},
+        {'payload_mass': 2.0, 'gravity_compensation': True, 'friction': {'elbow_joint': 3.0}},
+        {'outputs': ['acceleration', 'energy'], 'publish_clock': False},
+        {'external_wrench': True},
+    ],
+    ids=['sensors', 'losses', 'rates', 'plant', 'outputs', 'inputs'],
+)
+def test_a_recorded_run_has_the_same_bits_and_verifies(
+    settings: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'run.mcap'
+    plain, recorded = ur5(**settings), ur5(**settings, recording=path)
+    runs = []
+    for arm in (plain, recorded):
+        runs.append([arm.run(pd, 0.1)])
+        arm.set_state({arm.names[2]: 0.7})
+        if settings.get('external_wrench'):
+            arm.push([5.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+            arm.set(noise_position=1e-3, payload_mass=1.5)
+            assert arm.settings.payload_mass == 1.5
+        runs[-1].append(arm.run(pd, 0.1))
+        arm.reset()
+        runs[-1].append(arm.run(pd, 0.1))
+        arm.close()
+    for one, other in zip(*runs, strict=True):
+        assert_same_bits(one, other)
+    assert pfd_main(['replay', str(path), '--verify']) == 0
+    assert 'every bit equal' in capsys.readouterr().out
+    with pytest.raises(OSError, match=r'run\.mcap'):
+        ur5(recording=path)
+
+
+def test_a_pushed_arm_rests_where_its_stiffness_holds_the_moment() -> None:
+    arm = ur5(gravity_compensation=True, external_wrench=True)
+    stiffness = np.array([600.0, 600.0, 400.0, 100.0, 100.0, 100.0])
+    arm.push(force=[0.0, 0.0, 0.0], torque=[0.0, 0.0, 1.5])
+    # The moment is about the axis of the last joint, wherever the arm is.
+    found = arm.run(lambda t, q, qd: -stiffness * q - stiffness * qd / 5, 4.0)
+    assert found.q[-1, 5] == pytest.approx(1.5 / 100.0, rel=0.02)
+
+
+def test_set_state_and_reset_set_the_exact_state_and_time_continues() -> None:
+    arm = ur5(initial_positions=GOAL)
+    assert (arm.q == GOAL).all()
+    arm.run(pd, 0.01)
+    arm.set_state(np.arange(6) / 10, [0.1] * 6)
+    assert (arm.q == np.arange(6) / 10).all()
+    assert (arm.qd == 0.1).all()
+    arm.set_state({arm.names[0]: -1.0})
+    assert arm.q[0] == -1.0
+    assert (arm.qd[0], arm.qd[1]) == (0.0, 0.1)
+    arm.reset()
+    assert (arm.q == GOAL).all()
+    assert not arm.qd.any()
+    assert arm.time == pytest.approx(START + 0.013)
+    assert arm.run(pd, 0.001).time[0] == pytest.approx(START + 0.013)
+
+
+def test_a_saved_state_continues_with_the_same_bits_in_another_arm(tmp_path: Path) -> None:
+    arm = ur5(noise_position=1e-3)
+    arm.run(pd, 0.05)
+    state = pickle.loads(pickle.dumps(arm.save()))
+    expected = arm.run(pd, 0.05)
+    other = ur5(noise_position=1e-3)
+    other.run(pd, 0.01)
+    for _ in range(2):
+        other.restore(state)
+        assert_same_bits(other.run(pd, 0.05), expected)
+    with pytest.raises(ValueError, match='noise_position'):
+        ur5(noise_position=2e-3).restore(state)
+    with (
+        ur5(noise_position=1e-3, recording=tmp_path / 'run.mcap') as recorded,
+        pytest.raises(ValueError, match='a recording holds one run from its start'),
+    ):
+        recorded.restore(state)
+
+
+@pytest.mark.parametrize(
+    ('call', 'text'),
+    [
+        (lambda arm: arm.set_state([1.0]), r'q has shape \(1,\), expected \(6,\)'),
+        (lambda arm: arm.set_state({'nobody': 1.0}), r"q names \['nobody'\]"),
+        (lambda arm: arm.set_state([1e9] * 6), 'refused: .*1e.06'),
+        (lambda arm: arm.set_state([float('nan')] * 6), 'all_nan'),
+        (lambda arm: arm.push([1.0, 0.0, 0.0], [0.0, 0.0, 0.0]), 'external_wrench'),
+        (lambda arm: arm.set(step_size=0.1), 'step_size'),
+        (lambda arm: arm.set(nonsense=0.1), "unknown setting 'nonsense'"),
+    ],
+)
+def test_an_input_that_the_arm_refuses_is_an_error_and_changes_nothing(
+    call: Callable[[LockstepArm], None], text: str
+) -> None:
+    arm = ur5()
+    with pytest.raises(ValueError, match=text):
+        call(arm)
+    assert not arm.q.any()
+    assert arm.time == START
+
+
+def careless(t: float, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+    tau = pd(t, q, qd)
+    q[:], qd[:] = 7.0, 7.0
+    return tau
+
+
+ANSWER = np.zeros(6)
+
+
+def thrifty(t: float, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+    ANSWER[:] = pd(t, q, qd)
+    return ANSWER
+
+
+@pytest.mark.parametrize(
+    'controller',
+    [
+        careless,
+        thrifty,
+        lambda t, q, qd: list(pd(t, q, qd)),
+        lambda t, q, qd: pd(t, q, qd).astype('>f8'),
+        lambda t, q, qd: np.repeat(pd(t, q, qd), 2)[::2],
+    ],
+    ids=['writes into its arguments', 'returns one array', 'list', 'big endian', 'strided'],
+)
+def test_a_controller_may_answer_with_any_sequence_of_numbers(controller: Any) -> None:
+    assert_same_bits(ur5().run(controller, 0.05), ur5().run(pd, 0.05))
+
+
+@pytest.mark.parametrize(
+    ('answer', 'text'),
+    [
+        ([0.0] * 5, r'the controller returned \[0\.0, .*\] at t = 0\.01 s, expected 6 numbers'),
+        (np.zeros((6, 1)), r'of shape \(6, 1\) at t = 0\.01 s'),
+        (None, 'returned None at t = 0.01 s'),
+        (['a'] * 6, 'expected 6 numbers'),
+        ([True] * 6, 'expected 6 numbers'),
+        ([[1], [2, 3]], 'expected 6 numbers'),
+    ],
+)
+def test_an_invalid_answer_is_one_error_with_its_time(answer: Any, text: str) -> None:
+    arm = ur5()
+    with pytest.raises(ControllerError, match=text):
+        arm.run(lambda t, q, qd: answer if t >= 0.01 else pd(t, q, qd), 1.0)
+    # The arm waits in that state, and another controller may continue from it.
+    assert arm.time == 0.01
+    assert arm.run(pd, 0.01).time[0] == 0.01
+
+
+def test_an_overflowing_simulation_is_an_error_with_its_time() -> None:
+    with pytest.raises(ArmError, match=r't = .* s: .*not finite'):
+        ur5().run(lambda t, q, qd: 1e200 * np.ones(6), 1.0)
+
+
+@pytest.mark.parametrize(
+    ('settings', 'text'),
+    [
+        ({'lockstep': True}, 'lockstep is True, expected False in tests'),
+        ({'real_time_factor': 1.0}, 'real_time_factor is 1.0'),
+        ({'autostart': False}, 'autostart is False'),
+        ({'time_source': 'clock'}, "time_source is 'clock'"),
+        ({'nonsense': 1}, "unknown setting 'nonsense': config/sim_arm.yaml has them all"),
+        ({'armatur': True}, "unknown setting 'armatur': did you mean 'armature'"),
+        ({'noise.position': 1e-4}, "unknown setting 'noise.position': did you mean 'noise_pos"),
+        ({'step_size': 'fast'}, 'step_size'),
+        ({'robot': 'nobody'}, 'nobody'),
+        ({'robot': pfd.load_robot('planar2'), 'base_link': 'base'}, 'name its file'),
+    ],
+)
+def test_settings_that_do_not_go_with_a_test_are_refused(
+    settings: dict[str, Any], text: str
+) -> None:
+    with pytest.raises(ValueError, match=text):
+        LockstepArm(**{'robot': 'ur5', **settings})
+
+
+def test_a_robot_and_a_scene_may_be_objects() -> None:
+    robot = pfd.load_robot('planar2')
+    scene = pfd.Scene(gravity=None, damping=[0.3, 0.2])
+    arm = LockstepArm(robot, scene=scene, **UNLIMITED)
+    assert arm.robot is robot
+    found = arm.run(lambda t, q, qd: [1.0, 0.0], 0.1)
+    sim = pfd.Simulator(robot, pfd.Scene(gravity=None, damping=[0.3, 0.2], brakes=True))
+    for k in range(100):
+        assert (found.q[k] == sim.q).all()
+        sim.step([1.0, 0.0])
+
+
+def test_arrays_are_in_the_order_of_the_setting_joints() -> None:
+    names = list(ur5().names)[::-1]
+    reverse, straight = ur5(joints=names), ur5()
+    assert reverse.names == tuple(names)
+    backward = reverse.run(lambda t, q, qd: pd(t, q[::-1], qd[::-1])[::-1], 0.05)
+    forward = straight.run(pd, 0.05)
+    assert (backward.q[:, ::-1] == forward.q).all()
+    assert (backward.tau[:, ::-1] == forward.tau).all()
+    assert (backward.limits.effort[::-1] == forward.limits.effort).all()
+    assert backward.tip().tobytes() == forward.tip().tobytes()
+
+
+# Faults: what a test says of a controller as a callback, as a node that answers states, as a node
+# with a timer, and as a process with a timer. After BEFORE commands it has the fault.
+
+AT = r'at t = \S+ s'
+AFTER = rf'{AT}, after {BEFORE} answers'
+ROWS: list[tuple[str, type[Exception], dict[str, str]]] = [
+    (
+        'nan',
+        RejectedError,
+        {
+            'callback': rf"the controller returned nan for joint 'elbow_joint' {AT}, expected fin",
+            'states': rf"the arm rejected a command of \['/pd'\] {AT}: not_finite: effort of joint "
+            "'elbow_joint' is nan",
+            'timer': rf"the arm rejected a command of \['/pd'\] {AT}: not_finite: effort of joint",
+            'process': rf"the arm rejected a command of \['/pd'\] {AT}: not_finite: effort of",
+        },
+    ),
+    (
+        'short',
+        ControllerError,
+        {
+            'callback': rf'the controller returned array\(.*\), of shape \(5,\) {AT}, expected 6',
+            'states': rf'{AT}: wrong_size: 5 numbers for 6 joints',
+            'timer': rf'{AT}: wrong_size: 5 numbers for 6 joints',
+        },
+    ),
+    (
+        'raises',
+        ControllerError,
+        {
+            'callback': rf"the controller raised {AT}: KeyError: 'gain'",
+            'states': rf"a node raised {AFTER}: KeyError: 'gain'",
+            'timer': rf"a node raised {AFTER}: KeyError: 'gain'",
+        },
+    ),
+    (
+        'blocks',
+        ControllerError,
+        {
+            way: rf'the controller blocks: no answer for 0\.6 s to the state {AFTER}; it is here:'
+            r'\n(.|\n)*tested_controllers\.py(.|\n)*time\.sleep'
+            for way in ('callback', 'states', 'timer')
+        },
+    ),
+    (
+        'stubborn',
+        ControllerError,
+        {
+            way: rf'the controller blocks: no answer for 0\.6 s to the state {AT}, after 2\d answ'
+            for way in ('callback', 'states', 'timer')
+        },
+    ),
+    (
+        'blocks',
+        NoAnswerError,
+        {
+            'process': r"node '/pd' does not finish what follows the clock message within 0\.6 s "
+            rf'{AFTER}: it blocks or is gone; the process .* runs; it printed nothing'
+        },
+    ),
+    (
+        'stops',
+        NoAnswerError,
+        {
+            'states': rf'no answer for 0\.6 s to the state {AT}: commands stopped after {BEFORE} '
+            'answers, and the nodes have finished their callbacks',
+            'timer': rf'no command since {AT[3:]} {AFTER}: the nodes have finished their callbacks'
+            r'; one is expected every 0\.002 s',
+            'process': rf'no command since {AT[3:]} {AFTER}: the nodes have finished',
+        },
+    ),
+    (
+        'never',
+        NoAnswerError,
+        {
+            'states': r"no answer for 0\.6 s to the state at t = 0\.001 s: \['/pd'\] never publish",
+            'timer': r'no command in 0\.1 s, though the nodes have finished their callbacks',
+        },
+    ),
+    (
+        'dies',
+        NoAnswerError,
+        {'process': rf'the process .* ended by SIGSEGV {AFTER}; it printed nothing'},
+    ),
+]
+
+
+@pytest.mark.parametrize(
+    ('fault', 'way', 'kind', 'text'),
+    [
+        pytest.param(
+            *(fault, way, kind, text),
+            id=f'{fault} {way}',
+            marks=[
+                *[pytest.mark.ros] * (way != 'callback'),
+                *[pytest.mark.slow] * (way == 'process'),
+            ],
+        )
+        for fault, kind, texts in ROWS
+        for way, text in texts.items()
+    ],
+)
+def test_a_fault_is_one_error_that_says_where_and_why(
+    fault: str, way: str, kind: type[Exception], text: str, request: pytest.FixtureRequest
+) -> None:
+    period = None if way == 'states' else 0.002
+    with ExitStack() as stack, pytest.raises(kind, match=text):
+        arm = stack.enter_context(ur5())
+        if way == 'callback':
+            passed = faulty(fault)
+            arm.run(lambda t, q, qd: passed(pd(t, q, qd)), 0.1, patience=0.6)
+        request.getfixturevalue('domain')
+        if way == 'process':
+            one = stack.enter_context(ControllerProcess(command_of('timer', fault)))
+        else:
+            one = node_of('timer' if way == 'timer' else 'states', fault)
+            stack.callback(one.destroy_node)
+        arm.spin(0.1, one, patience=0.6, controller_period=period)
+
+
+@pytest.fixture
+def controller_of(domain: int) -> Iterator[Callable[..., Any]]:
+    """Return a function that makes a node which answers states: stamped by name, or plain."""
+    from rclpy.node import Node
+    from sensor_msgs.msg import JointState
+    from std_msgs.msg import Float64MultiArray
+
+    made = []
+
+    def make(
+        kind: str = 'named',
+        answer: Callable[..., Any] = pd,
+        topics: tuple[str, str] = ('joint_states', ''),
+        change: Callable[[Any], None] = lambda command: None,
+    ) -> Any:
+        node = Node('controller')
+        made.append(node)
+        message = JointState if kind == 'named' else Float64MultiArray
+        topic = topics[1] or ('joint_commands' if kind == 'named' else 'sim_arm/commands')
+        commands = node.create_publisher(message, topic, 10)
+
+        def on_state(state: Any) -> None:
+            stamp = state.header.stamp
+            # As the callback gets it: the seconds of most nodes.
+            t = stamp.sec + 1e-9 * stamp.nanosec
+            efforts = answer(t, np.array(state.position), np.array(state.velocity)).tolist()
+            if kind == 'named':
+                command = JointState(name=state.name, effort=efforts)
+                command.header.stamp = stamp
+            else:
+                command = Float64MultiArray(data=efforts)
+            change(command)
+            commands.publish(command)
+
+        node.create_subscription(JointState, topics[0], on_state, 10)
+        return node
+
+    yield make
+    for node in made:
+        node.destroy_node()
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('kind', ['named', 'plain'])
+def test_a_node_moves_the_arm_with_the_bits_of_the_callback(
+    kind: str, controller_of: Callable[..., Any]
+) -> None:
+    node = controller_of(kind)
+    with ur5() as called, ur5() as arm:
+        for seconds in (0.2, 0.1):
+            motion = arm.spin(seconds, node)
+            assert_same_bits(motion, called.run(pd, seconds))
+        # A run over topics and one of a callback may follow one another.
+        assert_same_bits(arm.run(pd, 0.1), called.run(pd, 0.1))
+    assert np.isfinite(motion.compute_time).all()
+    assert motion.notes == []
+
+
+def late_stamp(command: Any) -> None:
+    command.header.stamp.sec = int(time.time())
+
+
+def nan_for_one(command: Any) -> None:
+    command.effort[2] = float('nan')
+
+
+def stranger(command: Any) -> None:
+    command.name = [*command.name, 'nobody']
+    command.effort = [*command.effort, 0.0]
+
+
+REJECTED = {
+    'future': (late_stamp, 'set use_sim_time of the sender to true'),
+    'all_nan': (nan_for_one, r"NaN for \['elbow_joint'\]"),
+    'unknown_names': (stranger, 'nobody'),
+}
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('reason', REJECTED)
+def test_a_command_of_which_a_part_is_rejected_fails_unless_the_test_allows_it(
+    reason: str, controller_of: Callable[..., Any]
+) -> None:
+    change, text = REJECTED[reason]
+    node = controller_of('named', change=change)
+    with ur5() as arm:
+        with pytest.raises(RejectedError, match=rf'{reason}: .*{text}'):
+            arm.spin(0.02, node)
+        assert len(arm.spin(0.02, node, allow_rejected={reason}).time) == 20
+        with pytest.raises(ValueError, match="allow_rejected has 'futur': did you mean 'future'"):
+            arm.spin(0.02, node, allow_rejected='futur')
+    assert reason in REASONS
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    ('settings', 'remapped'),
+    [
+        ({}, ['-r', '~/commands:=/effort_controllers/commands']),
+        ({'command_topic': '/effort_controllers/commands'}, []),
+    ],
+    ids=['remapping', 'setting'],
+)
+def test_the_topics_of_the_arm_can_be_chosen(
+    settings: dict[str, Any], remapped: list[str], controller_of: Callable[..., Any]
+) -> None:
+    topics = '/left/joint_states', '/effort_controllers/commands'
+    node = controller_of('plain', topics=topics)
+    with ur5(**settings, ros_args=[*remapped, '-r', '__ns:=/left']) as arm:
+        assert_same_bits(arm.spin(0.02, node), ur5().run(pd, 0.02))
+
+
+@pytest.mark.ros
+def test_the_urdf_of_the_arm_configures_its_topics_and_initial_values(
+    controller_of: Callable[..., Any],
+) -> None:
+    urdf = gripper_arm.urdf(joint_states_topic='/seen', joint_commands_topic='/told')
+    settings: dict[str, Any] = {'robot': urdf, 'locked': ['finger'], **UNLIMITED}
+    node = controller_of('named', lambda t, q, qd: 0.1 - q, ('/seen', '/told'))
+    with LockstepArm(**settings) as called, LockstepArm(**settings) as arm:
+        assert arm.q.tolist() == list(gripper_arm.START)
+        expected = called.run(lambda t, q, qd: 0.1 - q, 0.1)
+        assert_same_bits(arm.spin(0.1, node), expected)
+
+
+@pytest.mark.ros
+def test_a_controller_may_read_the_description_and_the_other_outputs_of_the_arm(
+    controller_of: Callable[..., Any],
+) -> None:
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from std_msgs.msg import Float64MultiArray, String
+
+    node, texts, energies = controller_of(), [], []
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    node.create_subscription(String, 'robot_description', texts.append, latched)
+    node.create_subscription(Float64MultiArray, 'sim_arm/energy', energies.append, 100)
+    with ur5(publish_description=True, outputs=['energy']) as arm:
+        arm.spin(0.02, node)
+    assert pfd.load_robot(texts[0].data).joint_names == arm.robot.joint_names
+    assert len(energies) == 20
+
+
+@pytest.mark.ros
+def test_what_is_missing_before_the_first_state_is_named(
+    controller_of: Callable[..., Any],
+) -> None:
+    from rclpy.executors import SingleThreadedExecutor
+
+    alone = r'nobody publishes commands on /joint_commands or /sim_arm/commands; nobody subscribes'
+    with ur5() as arm, pytest.raises(NoAnswerError, match=alone):
+        arm.spin(0.1, start_patience=0.4)
+    node, executor = controller_of(), SingleThreadedExecutor()
+    executor.add_node(node)
+    with ur5() as arm, pytest.raises(ControllerError, match="'controller' is in an executor"):
+        arm.spin(0.1, node)
+    executor.shutdown()
+
+
+SILENT = """
+import rclpy
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+rclpy.init()
+node = Node({name!r}, start_parameter_services={services})
+node.create_publisher(Float64MultiArray, 'sim_arm/commands', 1)
+node.create_publisher(JointState, {states!r}, 1)
+node.create_subscription(JointState, 'joint_states', print, 1)
+rclpy.spin(node)
+"""
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ('services', 'states', 'text'),
+    [
+        (False, 'other', r'/bare does not reply on /bare/get_parameters; the process .* runs'),
+        (True, 'joint_states', 'another node publishes states or the clock'),
+    ],
+    ids=['no services', 'second arm'],
+)
+def test_a_node_that_cannot_be_in_lockstep_is_named(
+    services: bool, states: str, text: str, domain: int
+) -> None:
+    code = SILENT.format(name='bare', services=services, states=states)
+    with (
+        ur5() as arm,
+        ControllerProcess([sys.executable, '-c', code]) as process,
+        pytest.raises(NoAnswerError, match=text),
+    ):
+        arm.spin(0.1, process, start_patience=3.0)
+
+
+# Processes.
+
+
+def running(pid: int) -> bool:
+    try:
+        state = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0]
+    except OSError:
+        return False
+    return state != 'Z'
+
+
+PARENT = """
+import subprocess, sys, time
+child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(600)'])
+print(child.pid, flush=True)
+time.sleep(600)
+"""
+
+
+def pid_of(process: ControllerProcess) -> int:
+    """Return the process id of what a process has started."""
+    wait_until(lambda: process.text().endswith('\n'))
+    return int(process.text())
+
+
+def test_what_a_controller_has_started_ends_with_it() -> None:
+    with ControllerProcess([sys.executable, '-c', PARENT]) as process:
+        started = pid_of(process)
+        assert running(started)
+    wait_until(lambda: not running(started), pause=0.05)
+    # Also if the controller itself has ended before.
+    with ControllerProcess([sys.executable, '-c', PARENT]) as process:
+        started = pid_of(process)
+        os.kill(process.pid, signal.SIGKILL)
+        wait_until(lambda: process.end() == 'ended by SIGKILL')
+        assert running(started)
+    wait_until(lambda: not running(started), pause=0.05)
+
+
+@pytest.mark.parametrize('end', [signal.SIGKILL, signal.SIGINT])
+def test_a_test_runner_that_is_ended_leaves_no_process_behind(
+    end: signal.Signals, tmp_path: Path
+) -> None:
+    code = """
+import signal, sys, time
+from pfd_ros.testing import ControllerProcess
+# The shell may have started the tests with this signal ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+with ControllerProcess([sys.executable, '-c', 'import time; time.sleep(600)']) as process:
+    print(process.pid, flush=True)
+    time.sleep(60)
+"""
+    path = os.pathsep.join([str(ROOT), os.environ.get('PYTHONPATH', '')])
+    env = {**os.environ, 'PYTHONPATH': path}
+    runner = ChildProcess([sys.executable, '-c', code], tmp_path / 'output.txt', env)
+    wait_until(lambda: runner.text().endswith('\n') or runner.end())
+    pid = int(runner.text())
+    assert running(pid)
+    os.kill(runner.pid, end)
+    runner.process.wait(PATIENCE)
+    wait_until(lambda: not running(pid), pause=0.05)
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+def test_the_real_node_runs_for_a_test_and_ends_with_status_0(domain: int, tmp_path: Path) -> None:
+    import rclpy
+    from rclpy.node import Node
+    from sensor_msgs.msg import JointState
+
+    node, states = Node('reader'), []
+    node.create_subscription(JointState, '/left/joint_states', states.append, 10)
+    parameters = {
+        'robot': 'planar2',
+        'noise_position': {'elbow': 1e-3},
+        'bias.velocity.elbow': 0.5,
+    }
+    with NodeProcess(parameters, ['-r', '__ns:=/left']) as process:
+        deadline = time.monotonic() + PATIENCE
+        while len(states) < 2 and time.monotonic() < deadline:
+            rclpy.spin_once(node, timeout_sec=0.1)
+        assert states[1].position[0] == 0.0 != states[1].position[1]
+        assert states[1].velocity[1] == 0.5
+    node.destroy_node()
+    assert process.process.returncode == 0
+    there = tmp_path / 'there.mcap'
+    there.write_text('other')
+    with (
+        pytest.raises(NodeProcessError, match=r'status 1(.|\n)*there\.mcap'),
+        NodeProcess({'robot': 'planar2', 'recording': str(there)}) as process,
+    ):
+        process.process.wait(PATIENCE)
+    with pytest.raises(ValueError, match="unknown parameter 'robott': did you mean 'robot'"):
+        NodeProcess({'robott': 'ur5'})

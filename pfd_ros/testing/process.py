@@ -220,15 +220,14 @@ class NodeProcess(ControllerProcess):
 
 def _named(parameters: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     """Yield parameters as the node names them, each number of a single joint by itself."""
-    names = {row.field: row.name for row in FIELDS} | {row.name: row.name for row in FIELDS}
+    rows = {row.field: row for row in FIELDS} | {row.name: row for row in FIELDS}
+    groups = tuple(name for name, row in rows.items() if row.per_joint)
     for given, value in parameters.items():
-        group = max(
-            (name for name in names if f'{given}.'.startswith(f'{name}.')), key=len, default=''
-        )
-        if not group:
-            hint = did_you_mean(given, list(names), 'config/sim_arm.yaml has them all')
+        group = next((name for name in groups if given.startswith(f'{name}.')), given)
+        if group not in rows:
+            hint = did_you_mean(given, list(rows), 'config/sim_arm.yaml has them all')
             raise ValueError(f'unknown parameter {given!r}: {hint}')
-        name = names[group] + given.removeprefix(group)
+        name = rows[group].name + given.removeprefix(group)
         if isinstance(value, Mapping):
             yield from ((f'{name}.{joint}', number) for joint, number in value.items())
         else:

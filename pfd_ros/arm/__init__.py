@@ -11,13 +11,14 @@
     description     the robot that settings name, and what its URDF adds to them
     state           everything that changes while the arm runs
     plant           the scene and the native code of settings
-    commands        the rules for a command, NaN and infinity among them
-    other_inputs    the rules for requests, states to set, settings, payloads, a followed clock
-    wrench          the rule for external wrenches, and frames that the last link carries
-    link            commands on the way to the actuators: delay, drop-out, watchdog
-    actuators       from commands to the efforts that act: servos, limits of the motors, reflex
     noise           random numbers as a function of seed, channel and cycle
     sensors         true state -> measured state, published as joint_states
+    actuators       from commands to the efforts that act: servos, limits of the motors, reflex
+    link            commands on the way to the actuators: delay, drop-out, watchdog
+    arm             the state, what follows from its settings, and native code bound to both
+    commands        the rules for a command, NaN and infinity among them
+    wrench          the rule for external wrenches, and frames that the last link carries
+    other_inputs    the rules for requests, states to set, settings, payloads, a followed clock
     refusals        what is recorded of refused inputs, and counts of floods
     frames          the frames of a URDF's links, for /tf of a recording
     outputs         the messages of a cycle: state, clock, frames, model, tip, energy

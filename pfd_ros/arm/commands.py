@@ -15,19 +15,17 @@ from __future__ import annotations
 
 from collections.abc import Collection
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_ros.arm.events import ALL_NAN, LOCKED_JOINTS, OVERWRITTEN, Verdict
+from pfd_ros.arm.arm import Arm
+from pfd_ros.arm.events import ALL_NAN, LOCKED_JOINTS, OVERWRITTEN, Ruling, Verdict
 from pfd_ros.arm.state import BRAKE, EFFORT, POSITION, VELOCITY
 from pfd_ros.messages.joints import JOINT_FIELDS, Joints, decode_joints
 from pfd_ros.messages.text_and_arrays import decode_floats
 from pfd_ros.text import listed
-
-if TYPE_CHECKING:
-    from pfd_ros.arm.engine import Engine, Ruling
 
 # Farther and faster than any joint goes, rad or m, rad/s or m/s; a simulation from there, or a
 # servo to it, would not stay finite.
@@ -36,30 +34,30 @@ LARGEST_POSITION, LARGEST_VELOCITY = 1e6, 1e4
 FAR_AHEAD_NS = 1_000_000_000
 
 
-def array(engine: Engine, data: bytes) -> Ruling:
+def array(arm: Arm, data: bytes) -> Ruling:
     """Check a command without names: one finite effort for each joint, published order."""
     efforts = decode_floats(data)
-    if len(efforts) != len(engine.names):
-        return Verdict('wrong_size', f'{len(efforts)} numbers for {len(engine.names)} joints')
+    if len(efforts) != len(arm.names):
+        return Verdict('wrong_size', f'{len(efforts)} numbers for {len(arm.names)} joints')
     # The terms of a finite sum are finite; for a few joints faster than NumPy.
     if not math.isfinite(sum(efforts.tolist())) and not np.isfinite(efforts).all():
         return Verdict('not_finite', 'contains a number that is not finite')
-    if engine.state.tripped:
-        return Verdict('refused', engine.state.tripped)
-    return command, (engine.all_joints, efforts)
+    if arm.state.tripped:
+        return Verdict('refused', arm.state.tripped)
+    return command, (arm.all_joints, efforts)
 
 
-def named(engine: Engine, data: bytes) -> Ruling:
+def named(arm: Arm, data: bytes) -> Ruling:
     """Check a command by joint name."""
     joints = decode_joints(data)
-    names, servo, place = joints.names, engine.actuators.servo, engine.place
+    names, servo, place = joints.names, arm.actuators.servo, arm.place
     if not names:
         return Verdict('no_names', 'no joint names; ~/commands takes efforts without names')
-    broken = broken_rule(joints, engine.state.since_ns)
+    broken = broken_rule(joints, arm.state.since_ns)
     if broken is not None:
         return broken
-    ahead = _ahead(engine, joints.stamp_ns)
-    if ahead is not None and engine.lockstep:
+    ahead = _ahead(arm, joints.stamp_ns)
+    if ahead is not None and arm.lockstep:
         return ahead
     remarks: tuple[Verdict, ...] = () if ahead is None else (ahead,)
     kinds = [kind for kind in JOINT_FIELDS if len(getattr(joints, kind))]
@@ -69,8 +67,8 @@ def named(engine: Engine, data: bytes) -> Ruling:
     known = [k for k, name in enumerate(names) if name in place]
     if len(known) < len(names):
         others = [name for name in names if name not in place]
-        strange = [name for name in others if name not in engine.locked]
-        welded = _commanded(joints, engine.locked, servo)
+        strange = [name for name in others if name not in arm.locked]
+        welded = _commanded(joints, arm.locked, servo)
         if len(strange) == len(names):
             return Verdict('unknown_names', f'none of {listed(strange)} is a joint of the arm')
         if not known:
@@ -80,21 +78,21 @@ def named(engine: Engine, data: bytes) -> Ruling:
         if welded:
             remarks += (Verdict(LOCKED_JOINTS, f'locked: {listed(welded)}'),)
     index = [place[names[k]] for k in known]
-    found = _numbers(engine, joints, known, index)
+    found = _numbers(arm, joints, known, index)
     if isinstance(found, Verdict):
         return found
-    if engine.state.tripped:
-        return Verdict('refused', engine.state.tripped)
+    if arm.state.tripped:
+        return Verdict('refused', arm.state.tripped)
     return command, (*found, remarks)
 
 
-def _ahead(engine: Engine, stamp_ns: int) -> Verdict | None:
+def _ahead(arm: Arm, stamp_ns: int) -> Verdict | None:
     """Return the verdict about a stamp that is later than the state of the arm."""
-    state = engine.state
-    now_ns = engine.stamp_ns
+    state = arm.state
+    now_ns = arm.stamp_ns
     if state.until_ns is not None:
         now_ns = max(now_ns, state.until_ns)
-    if stamp_ns <= (now_ns if engine.lockstep else now_ns + FAR_AHEAD_NS):
+    if stamp_ns <= (now_ns if arm.lockstep else now_ns + FAR_AHEAD_NS):
         return None
     return Verdict(
         'future',
@@ -113,14 +111,14 @@ def _commanded(joints: Joints, among: Collection[str], servo: bool) -> list[str]
     ]
 
 
-def _numbers(engine: Engine, joints: Joints, known: list[int], index: list[int]) -> Any:
+def _numbers(arm: Arm, joints: Joints, known: list[int], index: list[int]) -> Any:
     """Check the numbers of a command for the joints that the arm has.
 
     `known` and `index` are the places of these joints in the command and in the model. Returns the
     verdict on broken rules, or of the joints with a number their places in the model, and effort,
     position and velocity, with NaN for no number, or None if the command has none of its kind.
     """
-    servo, gains = engine.actuators.servo, engine.actuators
+    servo, gains = arm.actuators.servo, arm.actuators
     if not servo and math.isfinite(sum(joints.effort.tolist())):  # as almost always
         return index, joints.effort[known], None, None
     places = np.array(index)
@@ -156,7 +154,7 @@ def _numbers(engine: Engine, joints: Joints, known: list[int], index: list[int])
 
 
 def command(
-    engine: Engine,
+    arm: Arm,
     joints: Any,
     effort: NDArray[Any] | None,
     position: NDArray[Any] | None = None,
@@ -173,23 +171,23 @@ def command(
         Their numbers (k,), N m, rad, rad/s or N, m, m/s. NaN keeps the last one, None is no
         feed-forward and no target.
     """
-    state, link = engine.state, engine.link
+    state, link = arm.state, arm.link
     state.sent += 1
     following = state.cycle + 1
     if state.period == following:
-        remarks += _overwritten(engine, joints)
+        remarks += _overwritten(arm, joints)
     else:
         state.period, state.touched = following, joints
-    if engine.direct and position is None and velocity is None:  # as almost always
-        engine.newest_effort[joints] = effort
+    if arm.direct and position is None and velocity is None:  # as almost always
+        arm.newest_effort[joints] = effort
         state.heard = following
         return remarks
     if link.drop and link.loses(state):
         return remarks
     newest, alone = state.newest, position is None and velocity is None
     # The first target has come, or perhaps the last one goes.
-    changed = engine.braked or engine.targets == alone
-    if alone and not engine.targets:  # such efforts hold no NaN
+    changed = arm.braked or arm.targets == alone
+    if alone and not arm.targets:  # such efforts hold no NaN
         newest[EFFORT, joints] = effort
     else:
         for row, values, none in (
@@ -202,7 +200,7 @@ def command(
             newest[row, joints] = kept
     newest[BRAKE, joints] = 0.0
     if changed:
-        engine.note_inputs()
+        arm.note_inputs()
     if link.delay:
         link.send(state)
     else:  # it is one array: it acts already
@@ -210,14 +208,14 @@ def command(
     return remarks
 
 
-def _overwritten(engine: Engine, joints: Any) -> tuple[Verdict, ...]:
+def _overwritten(arm: Arm, joints: Any) -> tuple[Verdict, ...]:
     """Note the joints of a second command for one cycle; return a remark if some are again."""
-    state, every = engine.state, np.arange(len(engine.names))
+    state, every = arm.state, np.arange(len(arm.names))
     again = np.intersect1d(every[state.touched], every[joints])
     state.touched = np.union1d(every[state.touched], every[joints])
     if not len(again):
         return ()
-    names = [engine.robot.joint_names[k] for k in again]
+    names = [arm.robot.joint_names[k] for k in again]
     return (Verdict(OVERWRITTEN, f'{listed(names)} commanded again before the next step'),)
 
 

@@ -19,32 +19,29 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from copy import deepcopy
-from dataclasses import fields, replace
-from typing import TYPE_CHECKING, Any, TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import fields
 
 import pfd_core as pfd
-from pfd_ros.arm import actuators, commands, events, other_inputs, refusals, wrench
-from pfd_ros.arm.actuators import Actuators
-from pfd_ros.arm.events import ACCEPTED, ALL, COMMANDS, INACTIVE, MOVING, Message, Verdict
-from pfd_ros.arm.link import Link, stop
+from pfd_ros.arm import commands, events, other_inputs, refusals, wrench
+from pfd_ros.arm.arm import Arm
+from pfd_ros.arm.events import (
+    ACCEPTED,
+    ALL,
+    COMMANDS,
+    INACTIVE,
+    MOVING,
+    Message,
+    Ruling,
+    Verdict,
+)
+from pfd_ros.arm.frames import LinkFrames
 from pfd_ros.arm.outputs import Outputs
-from pfd_ros.arm.plant import Plant, Plants, in_model_order
-from pfd_ros.arm.plant_settings import check_joints_without_values
-from pfd_ros.arm.sensors import Sensors
-from pfd_ros.arm.settings import Settings, check_joint_counts, check_servo, joint_order
-from pfd_ros.arm.state import ACTED, BRAKE, EFFORT, POSITION, State
+from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.state import State
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.text import cut
 
-if TYPE_CHECKING:
-    from pfd_ros.arm.frames import LinkFrames
-
-# What a rule returns: a verdict, or a function of the engine and the arguments of its call.
-Ruling: TypeAlias = Verdict | tuple[Callable[..., tuple[Verdict, ...] | None], tuple[Any, ...]]
-RULES: dict[str, Callable[[Engine, bytes], Ruling]] = {
+RULES: dict[str, Callable[[Arm, bytes], Ruling]] = {
     events.NAMED: commands.named,
     events.ARRAY: commands.array,
     events.SET_STATE: other_inputs.set_state,
@@ -62,8 +59,8 @@ LAST_NS = (1 << 31) * NANOSECONDS - 1
 PER_RUN = frozenset({'start_time', 'real_time_factor', 'recording'})
 
 
-class Engine:
-    """The arm and the rules for its events, at the start of a run.
+class Engine(Arm):
+    """The arm, the rules for its events, and its outputs, at the start of a run.
 
     Parameters
     ----------
@@ -73,19 +70,6 @@ class Engine:
         What anybody needs: nothing else is encoded, and the arm moves with the same bits.
     frames
         The frames of the links, for recordings; None for none.
-
-    Attributes
-    ----------
-    state
-        Everything that changes while the arm runs.
-    names, order, place
-        The name and the index in the model of each joint, in published order; index by name.
-    locked
-        The position of each joint that is published though it is welded, by name.
-    start
-        Positions (n,) in model order, rad or m, before the first step and after a reset.
-    plant, actuators, sensors, link
-        What follows from the settings now; no sensors where states are measured exactly.
 
     Raises
     ------
@@ -100,100 +84,12 @@ class Engine:
         roles: Collection[str] = ALL,
         frames: LinkFrames | None = None,
     ) -> None:
-        check_joint_counts(settings, robot.n)
-        check_servo(settings)
-        self.robot, self.frames, self.roles = robot, frames, frozenset(roles)
-        self.order = np.array(joint_order(settings.joints, robot))
-        self.names = tuple(robot.joint_names[k] for k in self.order)
-        self.place = {name: k for k, name in enumerate(robot.joint_names)}
-        self.locked = settings.published_locks
-        check_joints_without_values(settings, robot, self.names)
-        same = list(self.order) == list(range(robot.n))
-        self.all_joints: Any = slice(None) if same else self.order
-        if len(settings.initial_positions) not in (0, robot.n):
-            raise ValueError(
-                f'initial_positions holds {len(settings.initial_positions)} numbers, expected '
-                f'{robot.n}, one for each of {list(self.names)}, or none'
-            )
-        self.start = in_model_order(settings.initial_positions, self.order)
-        self.plants = Plants(settings, robot, self.order)
-        plant = self.plants.prepare(settings)
-        simulator = plant.simulator
-        settings = replace(
-            settings,
-            integrator=simulator.integrator,
-            method=simulator.method,
-            position_sums='compensated' if simulator.compensated else 'plain',
-            recording_time=settings.log_time,
-        )
-        self.lockstep, self._step_ns = settings.lockstep, settings.step_ns
-        self._follows = settings.follows_clock
+        super().__init__(settings, robot)
+        self.roles, self.frames = frozenset(roles), frames
+        self.outputs = Outputs(self, self.roles, frames)
         self._inputs = self.roles.intersection(events.INPUTS)
-        self._every, self._delay = settings.publish_every, settings.state_delay_steps
+        self._every, self._follows = settings.publish_every, settings.follows_clock
         self._second = max(1, round(1.0 / settings.step_size))
-        waits = settings.lockstep and settings.wait_for_controller
-        count, none = robot.n, np.full(robot.n, np.nan)
-        acting = np.array([np.zeros(count), np.ones(count), none, none])
-        self.state = State(
-            robot=robot.digest,
-            first=settings,
-            settings=settings,
-            simulation=simulator.new_state(self.start),
-            motors=pfd.MotorState(np.zeros(count)),
-            acting=acting,
-            newest=acting.copy() if settings.command_delay_steps else acting,
-            rows=np.zeros((self._delay + 2, 3, count)),
-            origin_ns=settings.start_ns,
-            since_ns=settings.start_ns,
-            reset_ns=settings.start_ns,
-            active=settings.autostart,
-            waits=waits,
-            commanded=waits,
-        )
-        self.state.rows[0, 0] = self.start
-        self.outputs = Outputs(self, frames)
-        self._derive_all(plant)
-
-    def _derive_all(self, plant: Plant) -> None:
-        settings = self.state.settings
-        driven = Actuators(settings, self.robot, self.order, plant.scene)
-        self.derive(plant, driven, Sensors(settings, self.order))
-
-    def derive(self, plant: Plant, driven: Actuators, sensors: Sensors) -> None:
-        """Take over what follows from the settings, and bind native code to the state."""
-        state = self.state
-        self.plant, self.actuators, self.link = plant, driven, Link(state.settings)
-        self.sensors = None if sensors.exact else sensors
-        self._exact = sensors.exact and isinstance(self.all_joints, slice)
-        self._watched, self._wrenched = not self.link.idle, plant.scene.external_wrench
-        self._tells = plant.payload != state.told
-        self.outputs.bind()
-        self._bind()
-
-    def _bind(self) -> None:
-        state = self.state
-        self._native = self.plant.simulator.bind(
-            state.simulation, state.motors, self.actuators.limits, state.acting[POSITION:]
-        )
-        # Efforts and targets are read where they are, and rows are written where they are.
-        self._effort_at, self.newest_effort = state.acting.ctypes.data, state.newest[EFFORT]
-        at = [row.ctypes.data for row in state.rows]
-        self._following = [((k + 1) % len(at), at[(k + 1) % len(at)]) for k in range(len(at))]
-        self.note_inputs()
-
-    def note_inputs(self) -> None:
-        """Note that brakes or targets are others: native code gets them before the next step."""
-        newest = self.state.newest
-        self.braked = bool(newest[BRAKE].any())
-        self.targets = bool((newest[POSITION:] == newest[POSITION:]).any())
-        self._stale = True
-        # Then an effort alone is written in place, and that is all.
-        self.direct = not (self.braked or self.targets or self.link.drop or self.link.delay)
-
-    @property
-    def stamp_ns(self) -> int:
-        """Simulated time, ns: whole steps, so that it never drifts."""
-        return self.state.origin_ns + self.state.step * self._step_ns
 
     @property
     def waiting(self) -> bool:
@@ -219,22 +115,6 @@ class Engine:
     def program(self) -> str:
         """Digest of the compiled program of the plant and its outputs, the same everywhere."""
         return self.plant.program
-
-    def measured(self) -> NDArray[Any]:
-        """Return measured positions, velocities and efforts, (3, n), published order."""
-        found: NDArray[Any] = self.shown().copy()
-        return found
-
-    def shown(self) -> NDArray[Any]:
-        """Return the same, which may be a row that is overwritten."""
-        state = self.state
-        row: NDArray[Any] = state.rows[state.now]
-        if self._exact:
-            return row
-        if self.sensors is not None:
-            row = self.sensors.measured(state)
-        published: NDArray[Any] = row[:, self.all_joints]
-        return published
 
     def save(self) -> State:
         """Return a copy of the state: a run that is restored to it has the same bits."""
@@ -263,7 +143,7 @@ class Engine:
                 )
         plant = self.plants.prepare(state.settings)
         self.state = deepcopy(state)
-        self._derive_all(plant)
+        self.follow_settings(plant)
 
     def prepare(self, role: str, data: bytes) -> None:
         """Compile what an event needs, ahead and on any thread; it takes no effect."""
@@ -338,85 +218,24 @@ class Engine:
     def _cycle(self, state: State) -> None:
         state.cycle += 1
         if state.origin_ns + state.cycle * self._step_ns > LAST_NS:
-            self._fail(f'simulated time is at its end: stamps hold {LAST_NS // NANOSECONDS} s')
-        if self._watched and not state.failure and self.link.advance(state):
+            self.fail(f'simulated time is at its end: stamps hold {LAST_NS // NANOSECONDS} s')
+        if self.watched and not state.failure and self.link.advance(state):
             self.note_inputs()
-        if self._wrenched and wrench.advance(state):
-            self._stale = True
+        if self.wrenched and wrench.advance(state):
+            self.stale = True
         if state.jump is not None:
-            self._jump(state)
+            self.jump()
         elif not state.failure:
-            self._advance(state)
+            self.advance()
         if state.left:
             state.left -= 1
-
-    def _advance(self, state: State) -> None:
-        """Do one step; a reflex does it again, braked."""
-        following, at = self._following[state.now]
-        try:
-            if self._stale:
-                self._set_inputs(state)
-            done = self._native.run_at(self._effort_at, at, 1)
-        except (ValueError, ArithmeticError) as error:
-            self._fail(f'step {state.step + 1} failed: {error}')
-            return
-        if done:
-            state.step += 1
-            state.now = following
-            if state.age < self._delay:
-                state.age += 1
-        elif state.motors.jumped:
-            # Native code has ended before the step; the efforts that it wanted are in the row.
-            wanted = state.rows[following, 2]
-            actuators.trip(state, wanted, self.robot.joint_names, self.actuators.largest_jump)
-            stop(state, brake=True)
-            self.note_inputs()
-            self._advance(state)
-        elif state.simulation.status == 'too_many_events':
-            self._fail(f'step {state.step + 1} has too many impacts and reversals of joints')
-        else:
-            self._fail(f'the state after step {state.step + 1} is not finite')
-
-    def _set_inputs(self, state: State) -> None:
-        self.plant.simulator.set_inputs(
-            state.simulation,
-            wrench=state.wrench[ACTED] if self._wrenched else None,
-            brakes=state.acting[BRAKE] > 0.0,
-            **self.plant.inputs,
-        )
-        # Only once they are checked: an error must come again.
-        self._stale = False
-
-    def _fail(self, why: str) -> None:
-        if not self.state.failure:
-            self.state.failure = why
-            self.state.failures += 1
-
-    def _jump(self, state: State) -> None:
-        """Do a step that ends in another state, unless the arm has failed."""
-        target, state.jump = state.jump, None
-        if state.failure or target is None:
-            return
-        state.step += 1
-        state.now, state.age = (state.now + 1) % len(state.rows), 0
-        state.simulation = self.plant.simulator.new_state(*target)
-        arrays = state.simulation.arrays
-        state.rows[state.now] = arrays['q'], arrays['qd'], np.zeros(len(self.order))
-        self._bind()
-
-    def discard_commands(self, *, brake: bool = False) -> None:
-        """Drop all commands from before the next step; the brakes are closed or as they are."""
-        stop(self.state, brake=brake)
-        actuators.restart(self.state)
-        self.state.since_ns = self.stamp_ns + self._step_ns
-        self.note_inputs()
 
     def _add_outputs(self, state: State, messages: list[Message]) -> None:
         outputs = self.outputs
         if state.refused and state.cycle % self._second == 0:
             messages += self.counts()
-        if self._tells and not state.failure:
-            state.told, self._tells = self.plant.payload, False
+        if self.tells and not state.failure:
+            state.told, self.tells = self.plant.payload, False
             outputs.add_payload(messages)
         if state.cycle % self._every == 0:
             published = self.sensors is None or not self.sensors.drops(state)

@@ -13,7 +13,8 @@ A new input is a row here and a rule in `engine.RULES`, a new output a row here 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeAlias
 
 from pfd_ros.messages import types
 
@@ -49,6 +50,9 @@ class Verdict(NamedTuple):
         return self.label == 'accepted'
 
 
+# What a rule returns: a verdict, or a function of the arm with the arguments of its call. The
+# function changes the state, and returns the remarks, if there are any.
+Ruling: TypeAlias = Verdict | tuple[Callable[..., tuple[Verdict, ...] | None], tuple[Any, ...]]
 LABELS = (
     *('accepted', 'malformed', 'no_names', 'ragged', 'infinite', 'stale', 'future'),
     *('duplicate_names', 'no_effort', 'unknown_names', 'all_nan', 'wrong_size', 'not_finite'),

@@ -14,15 +14,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 import json
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pfd_ros.arm import wrench
 from pfd_ros.arm.actuators import Actuators
+from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.commands import broken_rule, too_far
-from pfd_ros.arm.events import ALL_NAN, MOST_STEPS, Verdict
+from pfd_ros.arm.events import ALL_NAN, MOST_STEPS, Ruling, Verdict
 from pfd_ros.arm.plant import Plant, with_own_effects
 from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD
 from pfd_ros.arm.sensors import Sensors
@@ -33,9 +34,6 @@ from pfd_ros.messages.numbers import decode_clock, decode_numbers
 from pfd_ros.messages.text_and_arrays import decode_string, encode_string
 from pfd_ros.messages.types import INERTIA
 from pfd_ros.text import cut, listed
-
-if TYPE_CHECKING:
-    from pfd_ros.arm.engine import Engine, Ruling
 
 # pause, resume: stop or continue simulated time. step: a number of steps while paused. reset:
 # initial state, braked. deactivate: braked and no steps until activated. clear_wrench: no external
@@ -57,9 +55,9 @@ def encode_changes(values: Mapping[str, Any]) -> bytes:
     return encode_string(json.dumps(dict(values)))
 
 
-def request(engine: Engine, data: bytes) -> Ruling:
+def request(arm: Arm, data: bytes) -> Ruling:
     """Check a request in JSON."""
-    text, state = decode_string(data), engine.state
+    text, state = decode_string(data), arm.state
     if len(text) > LONGEST_REQUEST:
         raise ValueError(f'{len(text)} characters, expected {LONGEST_REQUEST} at most')
     values = json.loads(text)
@@ -78,8 +76,8 @@ def request(engine: Engine, data: bytes) -> Ruling:
     return _requested, (name, count)
 
 
-def _requested(engine: Engine, name: str, count: int) -> None:
-    state = engine.state
+def _requested(arm: Arm, name: str, count: int) -> None:
+    state = arm.state
     if name == 'step':
         state.left += count
     elif name in ('pause', 'resume'):
@@ -87,30 +85,30 @@ def _requested(engine: Engine, name: str, count: int) -> None:
     elif name == 'clear_wrench':
         wrench.clear(state)
     elif name == 'reset':
-        _reset(engine)
+        _reset(arm)
     else:
         if name == 'deactivate':
-            engine.discard_commands(brake=True)
+            arm.discard_commands(brake=True)
         state.active = name == 'activate'
-        state.waits = state.commanded = engine.lockstep and state.first.wait_for_controller
+        state.waits = state.commanded = arm.lockstep and state.first.wait_for_controller
     if name in ('resume', 'activate', 'reset'):
         # The arm continues at the time of the followed clock, without steps.
         state.until_ns = None
 
 
-def _reset(engine: Engine) -> None:
+def _reset(arm: Arm) -> None:
     """Let the next step end in the initial state, without anything from before; time goes on."""
-    state = engine.state
+    state = arm.state
     # The time of a failed arm stood still.
     state.failure, state.step = '', state.cycle
-    state.jump = np.array([engine.start, np.zeros_like(engine.start)])
+    state.jump = np.array([arm.start, np.zeros_like(arm.start)])
     state.epoch, state.sent = state.cycle + 1, 0
-    engine.discard_commands(brake=True)
+    arm.discard_commands(brake=True)
     state.reset_ns = state.since_ns
     wrench.clear(state)
 
 
-def set_state(engine: Engine, data: bytes) -> Ruling:
+def set_state(arm: Arm, data: bytes) -> Ruling:
     """Check a state to jump to.
 
     With NaN or an empty array a position is unchanged and a velocity is zero. Locked joints stay
@@ -118,7 +116,7 @@ def set_state(engine: Engine, data: bytes) -> Ruling:
     unchanged.
     """
     joints = decode_joints(data)
-    names, place, state = joints.names, engine.place, engine.state
+    names, place, state = joints.names, arm.place, arm.state
     if not names:
         return Verdict('no_names', 'no joint names')
     broken = broken_rule(joints)
@@ -127,7 +125,7 @@ def set_state(engine: Engine, data: bytes) -> Ruling:
     if not len(joints.position):
         raise ValueError('no positions; expected a position for each joint that is named')
     velocity = joints.velocity if len(joints.velocity) else np.zeros(len(names))
-    strange = [name for name in names if name not in place and name not in engine.locked]
+    strange = [name for name in names if name not in place and name not in arm.locked]
     if strange:
         # Unlike a command, a state must not name unknown joints.
         return Verdict('unknown_names', f'unknown joints {listed(strange)}')
@@ -142,35 +140,35 @@ def set_state(engine: Engine, data: bytes) -> Ruling:
     target[:, [place[names[k]] for k in given]] = joints.position[given], velocity[given]
     try:
         # The joints that are not named may have run away.
-        engine.plant.simulator.new_state(*target)
+        arm.plant.simulator.new_state(*target)
     except ValueError as error:
         return Verdict('refused', str(error))
     return _jump, (target,)
 
 
-def _jump(engine: Engine, target: NDArray[Any]) -> None:
+def _jump(arm: Arm, target: NDArray[Any]) -> None:
     """Let the next step end in these positions and velocities, (2, n)."""
-    engine.state.jump = target
-    engine.discard_commands()
+    arm.state.jump = target
+    arm.discard_commands()
 
 
-def parameters(engine: Engine, data: bytes) -> Ruling:
+def parameters(arm: Arm, data: bytes) -> Ruling:
     """Check new values of dynamic settings in JSON, all or none."""
-    return _changed(engine, typed_changes(json.loads(decode_string(data))))
+    return _changed(arm, typed_changes(json.loads(decode_string(data))))
 
 
-def payload(engine: Engine, data: bytes) -> Ruling:
+def payload(arm: Arm, data: bytes) -> Ruling:
     """Check a payload; a mass of 0 removes it."""
     _, frame_id, (mass, *body) = decode_numbers(data, INERTIA)
     try:
-        frame = wrench.tip_frame(engine.robot, frame_id)
+        frame = wrench.tip_frame(arm.robot, frame_id)
     except ValueError as error:
         return Verdict('unknown_names', str(error))
     values = mass, *wrench.body_at_tip(frame, body[:3], body[3:])
-    return _changed(engine, dict(zip(PAYLOAD, values, strict=True)))
+    return _changed(arm, dict(zip(PAYLOAD, values, strict=True)))
 
 
-def changed(engine: Engine, values: Mapping[str, Any]) -> Settings:
+def changed(arm: Arm, values: Mapping[str, Any]) -> Settings:
     """Return the settings with new values of some fields; nothing is compiled.
 
     Raises
@@ -178,46 +176,46 @@ def changed(engine: Engine, values: Mapping[str, Any]) -> Settings:
     ValueError
         If a value is invalid, by itself or together with the others.
     """
-    settings = replace(with_own_effects(engine.state.settings, values), **values)
-    check_joint_counts(settings, len(engine.names))
+    settings = replace(with_own_effects(arm.state.settings, values), **values)
+    check_joint_counts(settings, len(arm.names))
     check_servo(settings)
     return settings
 
 
-def _changed(engine: Engine, values: Mapping[str, Any]) -> Ruling:
+def _changed(arm: Arm, values: Mapping[str, Any]) -> Ruling:
     """Check new values, by field, and make all that the change needs: here it may fail."""
     compiled = not COMPILED.isdisjoint(values)
-    if compiled and engine.state.failure:
+    if compiled and arm.state.failure:
         return Verdict('refused', 'the simulation has stopped')
     try:
-        settings = changed(engine, values)
-        plant = engine.plants.prepare(settings) if compiled else engine.plant
-        driven = Actuators(settings, engine.robot, engine.order, plant.scene)
-        return _change, (settings, plant, driven, Sensors(settings, engine.order))
+        settings = changed(arm, values)
+        plant = arm.plants.prepare(settings) if compiled else arm.plant
+        driven = Actuators(settings, arm.robot, arm.order, plant.scene)
+        return _change, (settings, plant, driven, Sensors(settings, arm.order))
     except ValueError as error:
         return Verdict('refused', str(error))
 
 
 def _change(
-    engine: Engine, settings: Settings, plant: Plant, driven: Actuators, sensors: Sensors
+    arm: Arm, settings: Settings, plant: Plant, driven: Actuators, sensors: Sensors
 ) -> None:
     """Take over other settings; the state goes into another plant, if there is one."""
-    state = engine.state
-    if plant.simulator is not engine.plant.simulator:
+    state = arm.state
+    if plant.simulator is not arm.plant.simulator:
         state.simulation = plant.simulator.converted(state.simulation)
-    if np.isinf(engine.actuators.largest_jump):
+    if np.isinf(arm.actuators.largest_jump):
         # A reflex looks at efforts from the next one on.
         state.motors.before[:] = np.nan
     state.settings = settings
-    engine.derive(plant, driven, sensors)
+    arm.derive(plant, driven, sensors)
 
 
-def tick(engine: Engine, data: bytes) -> Ruling:
+def tick(arm: Arm, data: bytes) -> Ruling:
     """Check a tick of the followed clock: simulated time never goes back, nor far ahead."""
-    tick_ns, state = decode_clock(data), engine.state
+    tick_ns, state = decode_clock(data), arm.state
     if not state.first.follows_clock:
         raise ValueError('time_source is not clock')
-    stamp_ns, seconds = engine.stamp_ns, tick_ns / NANOSECONDS
+    stamp_ns, seconds = arm.stamp_ns, tick_ns / NANOSECONDS
     last = stamp_ns if state.until_ns is None else state.until_ns
     if tick_ns < last:
         return Verdict(
@@ -235,8 +233,8 @@ def tick(engine: Engine, data: bytes) -> Ruling:
     return _follow, (tick_ns,)
 
 
-def _follow(engine: Engine, tick_ns: int) -> None:
-    state = engine.state
+def _follow(arm: Arm, tick_ns: int) -> None:
+    state = arm.state
     if state.until_ns is None:
         # Simulated time continues there, without a step.
         state.origin_ns = tick_ns - state.step * state.first.step_ns

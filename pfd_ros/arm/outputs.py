@@ -22,25 +22,24 @@ Kernels are compiled before the first step.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.arm import events
+from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.events import OPTIONAL, ROLES, Message
+from pfd_ros.arm.frames import LinkFrames
+from pfd_ros.arm.plant import Plant
 from pfd_ros.arm.state import ACTED
 from pfd_ros.messages.joints import JointEncoder
 from pfd_ros.messages.numbers import NumbersEncoder, encode_clock, encode_numbers
 from pfd_ros.messages.text_and_arrays import ArrayEncoder
 from pfd_ros.messages.types import INERTIA, JOINT_STATE, POSE, WRENCH
-
-if TYPE_CHECKING:
-    from pfd_ros.arm.engine import Engine
-    from pfd_ros.arm.frames import LinkFrames
 
 TWIST_AXES = ('vx', 'vy', 'vz', 'wx', 'wy', 'wz')
 ENERGIES = ('kinetic', 'potential', 'power')
@@ -52,70 +51,70 @@ Writer = Callable[[int], bytes]
 class Outputs:
     """Writes the outputs of an arm that anybody needs."""
 
-    def __init__(self, engine: Engine, frames: LinkFrames | None) -> None:
-        settings, roles = engine.state.first, engine.roles
-        self.engine, self.frames = engine, frames
-        self.states = events.STATES in roles
-        self._encoder = JointEncoder(engine.names, settings.frame_id, engine.locked)
+    def __init__(self, arm: Arm, roles: Collection[str], frames: LinkFrames | None) -> None:
+        settings = arm.state.first
+        self.arm, self.frames = arm, frames
+        self._states, self._payload = events.STATES in roles, events.PAYLOAD_IN_USE in roles
+        self._encoder = JointEncoder(arm.names, settings.frame_id, arm.locked)
         clock = settings.publish_clock and events.CLOCK in roles
         self._clock_every = settings.clock_every if clock else 0
         tf = frames is not None and events.TF in frames.roles and events.TF in roles
         self._tf_every = frames.every if tf and frames is not None else 0
-        # Whether some cycles have a tick or frames.
+        wrench = (events.TIP_WRENCH,) * arm.wrenched
+        enabled = {*settings.outputs, *wrench}.intersection(roles)
+        self._further = [role for role in OPTIONAL if role in enabled]
+        # Whether cycles with a state have any message, and whether some have a tick or frames.
+        self.shows = self._states or bool(self._further)
         self.ticks = bool(self._clock_every or self._tf_every)
         # In model order, as kernels are bound to them.
-        self.q, self.qd, self.tau = self.row = np.zeros((3, engine.robot.n))
+        self.q, self.qd, self.tau = self.row = np.zeros((3, arm.robot.n))
         self.wrench = np.zeros(6)
+        self._plant: Plant | None = None
 
-    def bind(self) -> None:
+    def _bind(self) -> None:
         """Bind kernels to the plant of the arm, which is another one now."""
-        engine = self.engine
-        enabled = {*engine.state.settings.outputs}
-        if engine.plant.scene.external_wrench:
-            enabled.add(events.TIP_WRENCH)
+        self._plant = self.arm.plant
         self._writers = [
-            (role, _WRITERS.get(role, _quantity)(self, role))
-            for role in OPTIONAL
-            if role in enabled and role in engine.roles
+            (role, _WRITERS.get(role, _quantity)(self, role)) for role in self._further
         ]
-        # Whether a cycle with a state has any message.
-        self.shows = self.states or bool(self._writers)
 
     def add_payload(self, messages: list[Message]) -> None:
         """Add the message about the payload, which acts for the first time in this cycle."""
-        engine = self.engine
-        if events.PAYLOAD_IN_USE in engine.roles:
-            numbers = engine.plant.payload or (0.0,) * 10
-            data = encode_numbers(INERTIA, engine.stamp_ns, engine.robot.tip, numbers)
-            messages.append(Message(events.PAYLOAD_IN_USE, data, engine.state.cycle))
+        arm = self.arm
+        if self._payload:
+            numbers = arm.plant.payload or (0.0,) * 10
+            data = encode_numbers(INERTIA, arm.stamp_ns, arm.robot.tip, numbers)
+            messages.append(Message(events.PAYLOAD_IN_USE, data, arm.state.cycle))
 
     def add_state(self, messages: list[Message], *, published: bool) -> None:
         """Add the state of this cycle, if it is published, and what is told beside it."""
-        engine, state = self.engine, self.engine.state
-        stamp_ns = engine.stamp_ns
-        if published and self.states:
-            data = self._encoder.encode(stamp_ns, engine.shown())
+        arm, state = self.arm, self.arm.state
+        stamp_ns = arm.stamp_ns
+        if published and self._states:
+            data = self._encoder.encode(stamp_ns, arm.shown())
             messages.append(Message(events.STATES, data, state.cycle))
-        if self._writers:
+        if self._further:
+            if self._plant is not arm.plant:
+                self._bind()
             self.row[:], self.wrench[:] = state.rows[state.now], state.wrench[ACTED]
             for role, write in self._writers:
                 messages.append(Message(role, write(stamp_ns), state.cycle))
 
     def add_clock(self, messages: list[Message], *, again: bool = False) -> None:
         """Add the tick and the frames of this cycle; with `again` the tick alone, at any cycle."""
-        cycle, every = self.engine.state.cycle, self._clock_every
+        cycle, every = self.arm.state.cycle, self._clock_every
         if every and (again or cycle % every == 0):
-            messages.append(Message(events.CLOCK, encode_clock(self.engine.stamp_ns), cycle))
+            messages.append(Message(events.CLOCK, encode_clock(self.arm.stamp_ns), cycle))
         if again or not self._tf_every or cycle % self._tf_every:
             return
-        state, frames = self.engine.state, self.frames
+        state, frames = self.arm.state, self.frames
         assert frames is not None
-        data = frames.encode(self.engine.stamp_ns, state.rows[state.now, 0])
+        data = frames.encode(self.arm.stamp_ns, state.rows[state.now, 0])
         messages.append(Message(events.TF, data, cycle))
 
     def bound(self, role: str) -> Values:
         """Return a function without arguments that evaluates the kernel of an output."""
-        plant = self.engine.plant
+        plant = self.arm.plant
         kernel = plant.kernels[role]
         row = pfd.QUANTITIES[kernel.quantity]
         names = (*row.arguments, *('wrench',) * row.wrench)
@@ -128,32 +127,32 @@ class Outputs:
 
 
 def _true_states(given: Outputs, role: str) -> Writer:
-    engine, settings = given.engine, given.engine.state.first
-    encoder = JointEncoder(engine.names, settings.frame_id, settings.published_locks)
-    return lambda stamp_ns: encoder.encode(stamp_ns, given.row[:, engine.order])
+    arm, settings = given.arm, given.arm.state.first
+    encoder = JointEncoder(arm.names, settings.frame_id, settings.published_locks)
+    return lambda stamp_ns: encoder.encode(stamp_ns, given.row[:, arm.order])
 
 
 def _acceleration(given: Outputs, role: str) -> Writer:
-    engine = given.engine
-    encoder = ArrayEncoder([('joint', engine.names)])
+    arm = given.arm
+    encoder = ArrayEncoder([('joint', arm.names)])
 
     def write(stamp_ns: int) -> bytes:
-        if engine.state.failure:
-            return encoder.encode(np.zeros(len(engine.names)))
-        qdd = engine.plant.simulator.accelerations(engine.state.simulation)
-        return encoder.encode(_finite(qdd[engine.order]))
+        if arm.state.failure:
+            return encoder.encode(np.zeros(len(arm.names)))
+        qdd = arm.plant.simulator.accelerations(arm.state.simulation)
+        return encoder.encode(_finite(qdd[arm.order]))
 
     return write
 
 
 def _tip_wrench(given: Outputs, role: str) -> Writer:
-    encoder = NumbersEncoder(WRENCH, given.engine.robot.tip)
+    encoder = NumbersEncoder(WRENCH, given.arm.robot.tip)
     return lambda stamp_ns: encoder.encode(stamp_ns, given.wrench)
 
 
 def _energy(given: Outputs, role: str) -> Writer:
     encoder, evaluate = ArrayEncoder([('item', ENERGIES)]), given.bound(role)
-    order = given.engine.order
+    order = given.arm.order
 
     def write(stamp_ns: int) -> bytes:
         power = 0.0
@@ -167,18 +166,18 @@ def _energy(given: Outputs, role: str) -> Writer:
 
 def _quantity(given: Outputs, role: str) -> Writer:
     """Write a quantity of the model: an axis of n elements has the joints in published order."""
-    row, engine, evaluate = ROLES[role], given.engine, given.bound(role)
+    row, arm, evaluate = ROLES[role], given.arm, given.bound(role)
     if row.type == POSE:
-        pose = NumbersEncoder(POSE, engine.robot.base)
+        pose = NumbersEncoder(POSE, arm.robot.base)
         return lambda stamp_ns: pose.encode(stamp_ns, _finite(position_and_quaternion(evaluate())))
-    joints = engine.names, engine.order
+    joints = arm.names, arm.order
     axes = [
         joints if length == 'n' else (TWIST_AXES, range(len(TWIST_AXES)))
         for length in pfd.QUANTITIES[row.quantity].shape
     ]
     order = np.ix_(*(places for _, places in axes))
     if row.type == JOINT_STATE:
-        efforts = JointEncoder(engine.names, engine.state.first.frame_id, fields=('effort',))
+        efforts = JointEncoder(arm.names, arm.state.first.frame_id, fields=('effort',))
         return lambda stamp_ns: efforts.encode(stamp_ns, _finite(evaluate()[order]))
     labels = ('joint',) if len(axes) == 1 else ('row', 'column')
     array = ArrayEncoder([(label, names) for label, (names, _) in zip(labels, axes, strict=True)])

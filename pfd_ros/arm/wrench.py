@@ -9,46 +9,44 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pfd_core as pfd
-from pfd_ros.arm.events import Verdict
+from pfd_ros.arm.arm import Arm
+from pfd_ros.arm.events import Ruling, Verdict
 from pfd_ros.arm.settings import timeout_steps
 from pfd_ros.arm.state import ACTED, NEXT, State
 from pfd_ros.messages.numbers import decode_numbers
 from pfd_ros.messages.types import WRENCH
 from pfd_ros.text import cut, listed
 
-if TYPE_CHECKING:
-    from pfd_ros.arm.engine import Engine, Ruling
-
 # Far more than any arm bears, N and N m; a simulation under more would not stay finite.
 LARGEST_WRENCH = 1e5
 Vector = tuple[float, ...]
 
 
-def rule(engine: Engine, data: bytes) -> Ruling:
+def rule(arm: Arm, data: bytes) -> Ruling:
     """Check a wrench, expressed in the frame of its header and applied at its origin."""
     stamp_ns, frame_id, numbers = decode_numbers(data, WRENCH)
-    if not engine.plant.scene.external_wrench:
+    if not arm.plant.scene.external_wrench:
         return Verdict('refused', 'start the arm with external_wrench:=true')
     if not all(map(math.isfinite, numbers)):
         return Verdict('not_finite', 'contains a number that is not finite')
     if max(map(abs, numbers)) > LARGEST_WRENCH:
         return Verdict('refused', f'expected {LARGEST_WRENCH:g} N and N m at most')
-    since_ns = engine.state.reset_ns
+    since_ns = arm.state.reset_ns
     if 0 != stamp_ns < since_ns:
         return Verdict('stale', f'stamp {stamp_ns} ns, expected {since_ns} ns or later')
     try:
-        frame = tip_frame(engine.robot, frame_id)
+        frame = tip_frame(arm.robot, frame_id)
     except ValueError as error:
         return Verdict('unknown_names', str(error))
     return put, (wrench_at_tip(frame, numbers[:3], numbers[3:]),)
 
 
-def put(engine: Engine, wrench: Vector) -> None:
+def put(arm: Arm, wrench: Vector) -> None:
     """Let a wrench act for `external_wrench_timeout`, or until it is replaced, for 0."""
-    settings, state = engine.state.settings, engine.state
+    settings, state = arm.state.settings, arm.state
     steps = timeout_steps(settings.external_wrench_timeout, settings.step_size)
     state.wrench[NEXT] = wrench
     state.wrench_left = None if math.isinf(steps) else int(steps)

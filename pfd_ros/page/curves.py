@@ -121,7 +121,8 @@ def plots_of(run: Recorded, references: Sequence[Reference] = ()) -> Iterator[Pl
             if np.isfinite(values).any():
                 bounds, title = joints.bounds.get(item), f'{item} [{joints.units[item]}]'
                 more = list(_wanted(joints, references)) if item == 'position' else []
-                values = np.column_stack([values, *(column for _, _, column in more)])
+                if more:
+                    values = np.column_stack([values, *(column for _, _, column in more)])
                 kinds = tuple((name, kind) for name, kind, _ in more)
                 yield Plot(
                     title,

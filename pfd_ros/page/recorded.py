@@ -212,13 +212,16 @@ class Recorded:
         for j, name in enumerate(states.names):
             together.setdefault(tuple(name in x for x in states.lists), []).append(j)
         for columns in list(together.values())[:MOST_PUBLISHERS]:
-            rows = states.rows(states.names[columns[0]])
+            rows: Any = states.rows(states.names[columns[0]])
+            # A view of a long log takes no memory.
+            whole = len(columns) == len(states.names) and len(rows) == len(states)
+            rows, taken = (slice(None), slice(None)) if whole else (rows, columns)
             time = (self._axis_ns[rows] - self.origin_ns) / NANOSECONDS
             names = tuple(states.names[j] for j in columns)
             yield Joints(
                 names,
                 time,
-                {item: getattr(states, item)[rows][:, columns] for item in JOINT_FIELDS},
+                {item: getattr(states, item)[rows][:, taken] for item in JOINT_FIELDS},
                 self._bounds(names),
                 {item: self.unit(item, names) for item in JOINT_FIELDS},
                 self._period(time),

@@ -184,9 +184,9 @@ def _info_lines(found: Facts) -> Iterator[str]:
             median, gap = topic.median_interval_ns * 1e-6, topic.longest_gap_ns * 1e-6
             line += f'  every {median:.3f} ms, longest gap {gap:.3f} ms'
         yield line + (f'  not decoded: {topic.obstacle}' if topic.obstacle else '')
-    if found.settings:
-        values = ', '.join(f'{name}={value}' for name, value in found.settings.items())
-        yield f'settings   {values}'
+    for name, values in (('totals', found.end.get('totals')), ('settings', found.settings)):
+        if values:
+            yield f'{name:10} {", ".join(f"{key}={value}" for key, value in values.items())}'
 
 
 def _date(ns: int) -> str:

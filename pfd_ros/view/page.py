@@ -92,12 +92,12 @@ def from_here(headers: Any) -> bool:
 
 
 def _check_guard(port: int) -> None:
-    """Raise RuntimeError if a request with another host is served."""
+    """Raise ValueError if a request with another host is served."""
     connection = http.client.HTTPConnection(HOST, port)
     try:
         connection.request('GET', '/', headers={'Host': 'other.example'})
         if connection.getresponse().status != http.HTTPStatus.FORBIDDEN:
-            raise RuntimeError('this version of viser cannot be guarded against other hosts')
+            raise ValueError('this version of viser cannot be guarded against other hosts')
     finally:
         connection.close()
 

@@ -287,9 +287,9 @@ NAMES = {
     'recover_log': 'pfd_ros.recording.recover:recover',
     # pfd_ros.replay: verification, what-if, comparison, the player
     'compare_logs': 'pfd_ros.replay.compare:compare',
-    'INPUT_NAMES': 'pfd_ros.replay.topic_choice:INPUT_NAMES',
-    'choose_topics': 'pfd_ros.replay.topic_choice:choose',
-    'is_command': 'pfd_ros.replay.topic_choice:is_command',
+    'INPUT_NAMES': 'pfd_ros.replay.playlist:INPUT_NAMES',
+    'choose_topics': 'pfd_ros.replay.playlist:choose',
+    'is_command': 'pfd_ros.replay.playlist:is_command',
     'PlayerJump': 'pfd_ros.replay.schedule:Jump',
     'PlayerSchedule': 'pfd_ros.replay.schedule:Schedule',
     'PlayerSend': 'pfd_ros.replay.schedule:Send',

@@ -9,13 +9,14 @@ From the file to the result:
 
 Any log, published by the node `log_player`:
 
-    topic_choice    the published topics, their names and QoS; no commands
+    playlist        the published topics, their names and QoS, the window of time; no commands
     schedule        when each message is sent: rate, loop, pause, step, seek; without a clock
     publish         the node, the only module here that imports rclpy
 
 Two logs, of simulated or real arms:
 
-    compare         differences by joint, with the lag between the clocks
+    lag             the lag between their clocks
+    compare         differences by joint
     plots           their picture
 
 Inputs of a recording, or of any bag, for an arm with something changed:

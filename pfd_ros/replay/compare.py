@@ -4,13 +4,7 @@
 
 Joints are matched by name, topics of two recordings of ours by role. Both series of a joint are
 interpolated linearly at the times of either; two series with the same times are compared value by
-value. Simulated clocks have no lag; of others it is estimated:
-
-    lag    the shift of the second log's time at which the positions differ least, by mean square
-
-Positions are compared on a grid at the coarser of the two rates, for all shifts at once by FFT:
-    sum (a - b)^2 = sum a^2 + sum b^2 - 2 sum a b, each over the overlap.
-The best shift is refined by a parabola through its neighbours.
+value. Simulated clocks have no lag; of others it is estimated from the positions, see `lag`.
 """
 
 from __future__ import annotations
@@ -21,23 +15,16 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import CLOCK, JOINT_STATE
 from pfd_ros.recording.arrays import LogArrays
 from pfd_ros.recording.topic_arrays import TopicArrays
+from pfd_ros.replay.lag import Array, Both, estimated_lag, known
 from pfd_ros.text import listed
 
-Array = NDArray[Any]
-# Part of the shorter log that two logs overlap at least at any lag.
-OVERLAP = 0.5
 # Correlation of positions below which an estimated lag means nothing.
 WEAK = 0.5
-# Intervals between samples, as multiples of the median one, that are gaps.
-GAP = 5.0
-# Samples of the grid on which the lag is estimated: an hour at 250 Hz.
-GRID = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -142,7 +129,10 @@ def compare(
     if lag is None:
         shift = _shift(first)
         simulated = all(log.roles or CLOCK in log.topics.values() for log in (a, b))
-        lag, correlation = (0.0, None) if simulated else _estimated_lag(first, shift)
+        if simulated:
+            lag = 0.0
+        else:
+            lag, correlation = estimated_lag(first.positions(shift))
     if correlation is not None and correlation < WEAK:
         raise ValueError(
             f'no clear lag between {a.path} and {b.path}: at {lag:.6g} s the positions have a '
@@ -246,6 +236,16 @@ class _Pair(NamedTuple):
         """Return the joints of both."""
         return [name for name in self.a.names if name in self.b.names]
 
+    def positions(self, shift: float) -> list[Both]:
+        """Return times and positions of each joint of both, those of b earlier by `shift`."""
+        return [
+            (
+                _values(self.a, self.time_a, 'position', joint),
+                _values(self.b, self.time_b - shift, 'position', joint),
+            )
+            for joint in self.common()
+        ]
+
 
 def _increases(states: TopicArrays, time: Array) -> bool:
     """Return whether the times of each joint do not decrease."""
@@ -272,91 +272,6 @@ def _shift(pair: _Pair) -> float:
         (float(edge(pair.time_a)), float(edge(pair.time_b))) for edge in (np.min, np.max)
     )
     return 0.0 if min(end_a, end_b) > max(begin_a, begin_b) else begin_b - begin_a
-
-
-def _estimated_lag(pair: _Pair, shift: float = 0.0) -> tuple[float, float | None]:
-    """Return the lag of b [s], and the correlation of all moving joints at this lag.
-
-    a at a time t resembles b at t + shift + lag the most. The lag is 0 where nothing moves, and
-    where both logs are equal without one.
-    """
-    moving = []
-    for joint in pair.common():
-        one = _known(*_values(pair.a, pair.time_a, 'position', joint))
-        two = _known(*_values(pair.b, pair.time_b - shift, 'position', joint))
-        if all(len(values) > 1 and np.ptp(values) > 0 for _, values in (one, two)):
-            moving.append((one, two))
-    if not moving:
-        return 0.0, None
-    begin = min(time[0] for both in moving for time, _ in both)
-    end = max(time[-1] for both in moving for time, _ in both)
-    step = max(float(np.median(np.diff(time))) for both in moving for time, _ in both)
-    step = max(step, (end - begin) / GRID)
-    grid = np.arange(begin, end + step, step)
-    total, count, norm = np.zeros(2 * len(grid) - 1), np.zeros(2 * len(grid) - 1), 0.0
-    for one, two in moving:
-        x, y = _on_grid(grid, *one), _on_grid(grid, *two)
-        known, seen = np.isfinite(x), np.isfinite(y)
-        middle = float(np.mean(x[known]))
-        x, y = np.where(known, x - middle, 0.0), np.where(seen, y - middle, 0.0)
-        total = total + _sums(x**2, seen) + _sums(known, y**2) - 2 * _sums(x, y)
-        count = count + _sums(known, seen)
-        norm += float(np.sum(x**2) + np.sum(y**2))
-    enough = count >= OVERLAP * np.max(count)
-    mean = np.where(enough, np.maximum(total, 0.0) / np.maximum(count, 1.0), np.inf)
-    best = int(np.argmin(mean))
-    zero = len(grid) - 1  # of the lags from -(len - 1) to len - 1
-    # Below the rounding of the FFT differences are none.
-    rounding = 1e-12 * norm / np.max(count)
-    if mean[zero] <= mean[best] + rounding:
-        best = zero
-    vertex = 0.0
-    if mean[best] > rounding and 0 < best < len(mean) - 1:
-        left, low, right = mean[best - 1 : best + 2]
-        curvature = left - 2 * low + right
-        if np.isfinite(curvature) and curvature > rounding:
-            vertex = 0.5 * (left - right) / curvature
-    lag = float((best - zero + vertex) * step)
-    return lag, _correlation(moving, grid, lag)
-
-
-def _known(time: Array, values: Array) -> tuple[Array, Array]:
-    """Return finite values at increasing times; of several at one time the last."""
-    known = np.isfinite(values)
-    time, values = time[known], values[known]
-    last = np.append(np.diff(time) > 0, True)[: len(time)]
-    return time[last], values[last]
-
-
-def _correlation(
-    moving: Sequence[tuple[tuple[Array, Array], tuple[Array, Array]]], grid: Array, lag: float
-) -> float:
-    """Return the correlation of all joints, each from its mean, at a lag."""
-    sums = np.zeros(3)
-    for one, two in moving:
-        x, y = _on_grid(grid, *one), _on_grid(grid + lag, *two)
-        both = np.isfinite(x) & np.isfinite(y)
-        if both.any():
-            x, y = x[both] - np.mean(x[both]), y[both] - np.mean(y[both])
-            sums += [np.sum(x * y), np.sum(x * x), np.sum(y * y)]
-    return float(sums[0] / math.sqrt(sums[1] * sums[2])) if sums[1] * sums[2] > 0 else 0.0
-
-
-def _sums(x: Array, y: Array) -> Array:
-    """Return sum_t x(t) y(t + k) for all k from -(N - 1) to N - 1, by FFT."""
-    n = len(x)
-    size = 1 << (2 * n - 1).bit_length()
-    found = np.fft.irfft(np.conj(np.fft.rfft(x, size)) * np.fft.rfft(y, size), size)
-    return np.concatenate([found[size - n + 1 :], found[:n]])
-
-
-def _on_grid(grid: Array, time: Array, values: Array) -> Array:
-    """Return values on a grid, NaN outside their times and in gaps between them."""
-    found: Array = np.interp(grid, time, values, np.nan, np.nan)
-    after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
-    longest = GAP * max(float(np.median(np.diff(time))), float(grid[1] - grid[0]))
-    found[time[after] - time[after - 1] > longest] = np.nan
-    return found
 
 
 class _Aligned(NamedTuple):
@@ -399,8 +314,8 @@ def _interpolated(
         time[(time >= begin) & (time <= end) & ~np.isfinite(values)]
         for time, values in ((own, one), (others, two))
     )
-    own, one = _known(own, one)
-    others, two = _known(others, two)
+    own, one = known(own, one)
+    others, two = known(others, two)
     time = np.union1d(own, others)
     time = time[(time >= begin) & (time <= end) & ~np.isin(time, lost) & ~np.isin(time, missed)]
     left, right = (

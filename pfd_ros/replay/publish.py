@@ -7,19 +7,15 @@
     seek_to    parameter           continue at this time [s] of the log
     rate       parameter           speed, as a multiple of the log's
 
-The log is read once before anything is sent, so that damage is found first. Its time 0 is that of
-the first message that is not transient local; those before it are sent at once. One thread:
-callbacks run while the player waits for the next message. `schedule` determines when a message is
-sent. `seek_to` is a parameter, since no type of std_srvs has a time, and setting a parameter is
-answered with a reason.
+`playlist` determines what is sent, `schedule` when. One thread: callbacks run while the player
+waits for the next message. `seek_to` is a parameter, since no type of std_srvs has a time, and
+setting a parameter is answered with a reason.
 """
 
 from __future__ import annotations
 
-from array import array
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 import math
 from pathlib import Path
@@ -27,8 +23,6 @@ import sys
 import time
 from typing import Any, Protocol, TextIO
 
-import numpy as np
-from numpy.typing import NDArray
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, RMWError
@@ -47,11 +41,10 @@ from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.numbers import encode_clock
 from pfd_ros.messages.qos import MOST_DEPTH, Qos
 from pfd_ros.messages.topics import message_class
-from pfd_ros.recording.arrays import roles_of
-from pfd_ros.recording.bags import Bag, BagMessage, in_order
+from pfd_ros.recording.bags import BagMessage, in_order
 from pfd_ros.recording.format import LogError
-from pfd_ros.replay.schedule import RATES, Jump, Schedule, Send, Tick, Window
-from pfd_ros.replay.topic_choice import KNOWN_QOS, Played, choose
+from pfd_ros.replay.playlist import KNOWN_QOS, Played, Playlist, PlayOptions, playlist
+from pfd_ros.replay.schedule import RATES, Jump, Schedule, Send, Tick
 from pfd_ros.text import cut, one_line
 
 NAME, CLOCK_TOPIC = 'log_player', '/clock'
@@ -61,8 +54,6 @@ DISCOVERY_SECONDS = 1.0
 END_SECONDS, SLICE_SECONDS = 2.0, 0.1
 # While messages are late, callbacks run this often; a look for them takes 0.1 ms.
 SERVE_NS, PROGRESS_NS, LATE_NS = 10_000_000, 200_000_000, 10_000_000
-# A longer gap of the log is reported at the beginning.
-GAP_NS = 10 * NANOSECONDS
 # A Clock has 31 bits for the seconds. A shell adds the number of a signal to this status.
 CLOCK_SECONDS, STATUS_BASE = 1 << 31, 128
 # Of the middleware; other errors are of this program, and end it with their traceback.
@@ -76,20 +67,6 @@ class Stop(Protocol):
 
     def is_set(self) -> bool:
         """Return whether a signal came."""
-
-
-@dataclass(frozen=True)
-class PlayOptions:
-    """The options of the player; times in s from the time 0 of the log."""
-
-    rate: float = 1.0
-    loop: bool = False
-    start_offset: float = 0.0
-    duration: float = math.inf
-    topics: Collection[str] | None = None
-    remaps: Sequence[tuple[str, str]] = ()
-    clock_hz: float | None = None
-    start_paused: bool = False
 
 
 def play(path: Path, options: PlayOptions, stop: Stop) -> int:
@@ -107,43 +84,27 @@ def play(path: Path, options: PlayOptions, stop: Stop) -> int:
     OSError
         If the log cannot be read.
     """
-    bag = Bag(path)
-    times: dict[str, array[int]] = {}
-    latest = late_ns = 0
-    for message in bag.messages():
-        if stop.is_set():
-            return STATUS_BASE + stop.number
-        if message.log_ns >= 1 << 63:
-            raise ValueError(f'{path}, topic {cut(message.topic)!r}: log time {message.log_ns} ns')
-        times.setdefault(message.topic, array('q')).append(message.log_ns)
-        latest = max(latest, message.log_ns)
-        late_ns = max(late_ns, latest - message.log_ns)
-    topics, notes = choose(bag, roles_of(bag), options.topics, options.remaps)
-    times = {name: times[name] for name in topics if name in times}
-    if not times:
-        raise ValueError(f'{path} has no messages of the topics to publish')
-    latched = {name for name, topic in topics.items() if topic.qos.transient_local}
-    timed = [found for name, found in times.items() if name not in latched]
-    ordered = np.sort(np.concatenate([np.array(x, np.int64) for x in timed or times.values()]))
-    last_ns = max(max(found) for found in times.values())
-    window = _window(path, options, int(ordered[0]), max(last_ns, int(ordered[-1])))
-    count = sum(map(len, times.values()))
-    for line in _introduction(bag, ordered, f'{count} messages of {len(topics)} topics', notes):
+    found = playlist(path, options, stop.is_set)
+    if found is None:
+        return STATUS_BASE + stop.number
+    for line in found.lines:
         say(line)
     ticks = options.clock_hz is not None
-    if ticks and any(topic.published == CLOCK_TOPIC for topic in topics.values()):
+    if ticks and any(topic.published == CLOCK_TOPIC for topic in found.topics.values()):
         say(f'Ignoring --clock: the log contains {CLOCK_TOPIC}')
         ticks = False
-    if ticks and window.end_ns > CLOCK_SECONDS * NANOSECONDS:
-        raise ValueError(f'log times up to {window.end_ns} ns exceed the range of {CLOCK_TOPIC}')
+    if ticks and found.window.end_ns > CLOCK_SECONDS * NANOSECONDS:
+        raise ValueError(
+            f'log times up to {found.window.end_ns} ns exceed the range of {CLOCK_TOPIC}'
+        )
     try:
         try:
             rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-            player = _Player(bag, options, window, topics, ticks, stop)
+            player = _Player(found, options, ticks, stop)
         except ERRORS as error:
             raise ValueError(f'ROS: {error}') from error
         try:
-            return player.run(late_ns)
+            return player.run()
         finally:
             player.node.destroy_node()
     finally:
@@ -160,55 +121,22 @@ def _is_terminal(stream: TextIO | None) -> bool:
     return stream is not None and stream.isatty()
 
 
-def _window(path: Path, options: PlayOptions, first_ns: int, last_ns: int) -> Window:
-    """Return the log times from an offset [s] on; ValueError if there is nothing to play."""
-    length = (last_ns - first_ns) / NANOSECONDS
-    if options.start_offset > length:
-        raise ValueError(f'start offset {options.start_offset:g} s: {path} lasts {length:g} s')
-    begin = min(first_ns + round(options.start_offset * NANOSECONDS), last_ns)
-    end = last_ns + 1
-    if options.duration < length:
-        end = min(end, begin + max(1, round(options.duration * NANOSECONDS)))
-    return Window(first_ns, begin, end)
-
-
-def _introduction(
-    bag: Bag, times_ns: NDArray[np.int64], contents: str, notes: Sequence[str]
-) -> Iterator[str]:
-    yield f'{bag.path}: {(times_ns[-1] - times_ns[0]) / NANOSECONDS:.3f} s, {contents}'
-    yield from notes
-    if not bag.complete:
-        yield 'the log was cut off; it is published up to the cut'
-    gaps = np.diff(times_ns)
-    if len(gaps) and gaps.max() > GAP_NS:
-        at = (times_ns[gaps.argmax()] - times_ns[0]) / NANOSECONDS
-        yield f'longest gap of the log: {gaps.max() / NANOSECONDS:.3f} s after {at:.3f} s'
-
-
 class _Player:
     """The node, its publishers and the schedule."""
 
-    def __init__(
-        self,
-        bag: Bag,
-        options: PlayOptions,
-        window: Window,
-        topics: dict[str, Played],
-        ticks: bool,
-        stop: Stop,
-    ) -> None:
+    def __init__(self, found: Playlist, options: PlayOptions, ticks: bool, stop: Stop) -> None:
         self.node = Node(NAME)
-        self._bag, self._options, self._window, self._stop = bag, options, window, stop
+        self._found, self._options, self._window, self._stop = found, options, found.window, stop
         self._executor: Any = EventsExecutor()
         self._executor.add_node(self.node)
         self._publishers: dict[str, Any] = {}
         self._kept: dict[str, int] = {}
-        for name, played in topics.items():
+        for name, played in found.topics.items():
             kept = self._publish_on(played)
             if kept:
                 self._kept[name] = kept
         if not self._publishers:
-            raise ValueError(f'{bag.path} has no topic to publish; --topics names commands')
+            raise ValueError(f'{found.bag.path} has no topic to publish; --topics names commands')
         self._clock: Any = None
         if ticks:
             self._clock = self.node.create_publisher(
@@ -251,10 +179,12 @@ class _Player:
             return 0
         return profile_of(played.qos).depth if played.qos.transient_local else 0
 
-    def _messages(self, late_ns: int) -> Iterator[BagMessage]:
+    def _messages(self) -> Iterator[BagMessage]:
         """Yield the messages to publish, up to a signal."""
         try:
-            for message in in_order(self._bag.messages(self._publishers), late_ns):
+            for message in in_order(
+                self._found.bag.messages(self._publishers), self._found.late_ns
+            ):
                 if self._stop.is_set():
                     self._cut_short = True
                     return
@@ -263,14 +193,14 @@ class _Player:
             # Perhaps within a callback; the file has changed since it was read.
             self._failure = error
 
-    def run(self, late_ns: int) -> int:
+    def run(self) -> int:
         """Publish until the end or a signal; return the exit status."""
         until = time.monotonic() + DISCOVERY_SECONDS
         while not self._stop.is_set() and (left := until - time.monotonic()) > 0:
             self._serve(min(left, SLICE_SECONDS))
         clock_hz = self._options.clock_hz
         self._schedule = schedule = Schedule(
-            partial(self._messages, late_ns),
+            self._messages,
             self._kept,
             self._window,
             rate=self._options.rate,

@@ -253,7 +253,7 @@ class Listener:
                 getattr(import_module(f'{kind.split("/")[0]}.msg'), kind.split('/')[2]),
                 topic,
                 lambda data, topic=topic: self.messages.append((topic, bytes(data))),
-                QoSProfile(depth=5000, durability=durability),
+                QoSProfile(depth=10_000, durability=durability),
                 raw=True,
             )
             for topic, kind in topics
@@ -348,14 +348,14 @@ def write_words(path: Path, count: int, apart: float = 1.0, maps: Sequence[int] 
 def test_each_message_of_a_recording_comes_bit_for_bit_and_no_command(
     processes: Processes, peer_of: PeerOf, tmp_path: Path
 ) -> None:
-    run = busy(tmp_path / 'a.mcap', cycles=200)
+    run = busy(tmp_path / 'a.mcap', cycles=200, recording_time='simulated')
     sent: dict[str, list[bytes]] = {role: [] for role in run.topics}
     for message in run.messages:
         # DDS pads every message to a multiple of 4 bytes.
         sent[message.role].append(message.data + bytes(-len(message.data) % 4))
     peer = peer_of(processes)
     listener = Listener(peer, *((run.topics[role], ARM_ROLES[role].type) for role in run.topics))
-    player = start(processes, tmp_path / 'a.mcap', '--start-paused', '--clock')
+    player = start(processes, tmp_path / 'a.mcap', '--start-paused', '--clock', '--rate', '0.2')
     begin(player, listener, STATES, CLOCK)
     paused(peer, False)
     assert listener.end_of(player) == 0, player.text()
@@ -391,7 +391,9 @@ def test_messages_out_of_order_are_published_in_the_order_of_their_log_times(
     processes: Processes, peer_of: PeerOf, tmp_path: Path
 ) -> None:
     rows = states(6000, period=1e-4)
-    path = write_mcap(tmp_path / 'a.mcap', [*rows[5000:], *rows[:5000]])
+    # No reader is too slow for a publisher that keeps all of them.
+    qos = {STATES: qos_text(Qos(depth=10_000))}
+    path = write_mcap(tmp_path / 'a.mcap', [*rows[5000:], *rows[:5000]], qos=qos)
     peer = peer_of(processes)
     listener = Listener(peer, (STATES, JOINT_STATE))
     player = start(processes, path, '--start-paused', '--rate', '0.5')

@@ -1,6 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which topics of a log are published, under which names and QoS; commands are withheld.
+"""What of a log is published: topics, their names and QoS, a window of time; no commands.
+
+The log is read once before anything is sent, so that damage is found first. Its time 0 is that of
+the first message that is not transient local; those before it are sent at once.
 
 A recorded command must not reach a real arm by accident. In a recording of the node the commands
 are the topics of its inputs. In every log a topic is also a command if its last name is the name
@@ -11,19 +14,30 @@ named by the caller is published.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from array import array
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+import math
+from pathlib import Path
 import re
 from typing import Any, NamedTuple
 
+import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import TypesysError, get_types_from_msg
 
 from pfd_ros.arm.events import CLOCK_TICKS, INPUTS, ROLES
+from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.qos import Qos, offered_qos
 from pfd_ros.messages.topics import message_class
+from pfd_ros.recording.arrays import roles_of
 from pfd_ros.recording.bags import Bag, BagTopic
 from pfd_ros.recording.format import MESSAGE_ENCODING
+from pfd_ros.replay.schedule import Window
 from pfd_ros.text import cut, listed
+
+# A longer gap of the log is reported.
+GAP_NS = 10 * NANOSECONDS
 
 # Last names of the topics that the node `sim_arm` subscribes to, but for the clock.
 INPUT_NAMES = frozenset(
@@ -66,6 +80,20 @@ _ROSIDL = {
 }
 
 
+@dataclass(frozen=True)
+class PlayOptions:
+    """The options of the player; times in s from the time 0 of the log."""
+
+    rate: float = 1.0
+    loop: bool = False
+    start_offset: float = 0.0
+    duration: float = math.inf
+    topics: Collection[str] | None = None
+    remaps: Sequence[tuple[str, str]] = ()
+    clock_hz: float | None = None
+    start_paused: bool = False
+
+
 class Played(NamedTuple):
     """A topic of the log and the topic it is published on."""
 
@@ -73,6 +101,83 @@ class Played(NamedTuple):
     published: str
     type: str
     qos: Qos
+
+
+class Playlist(NamedTuple):
+    """The published part of a log.
+
+    Attributes
+    ----------
+    bag
+        The log.
+    topics
+        Its published topics, by name.
+    window
+        Its published log times.
+    late_ns
+        Largest time by which a message in the file is earlier than one before it.
+    lines
+        What a user has to know.
+    """
+
+    bag: Bag
+    topics: dict[str, Played]
+    window: Window
+    late_ns: int
+    lines: list[str]
+
+
+def playlist(path: Path, options: PlayOptions, stopped: Callable[[], bool]) -> Playlist | None:
+    """Read a log and return what of it is published; None if it was stopped.
+
+    Raises
+    ------
+    LogError
+        If the log is damaged before its end.
+    ValueError
+        If nothing is to be published, or a topic or time is not in the log.
+    OSError
+        If the log cannot be read.
+    """
+    bag = Bag(path)
+    times: dict[str, array[int]] = {}
+    latest = late_ns = 0
+    for message in bag.messages():
+        if stopped():
+            return None
+        if message.log_ns >= 1 << 63:
+            raise ValueError(f'{path}, topic {cut(message.topic)!r}: log time {message.log_ns} ns')
+        times.setdefault(message.topic, array('q')).append(message.log_ns)
+        latest = max(latest, message.log_ns)
+        late_ns = max(late_ns, latest - message.log_ns)
+    topics, lines = choose(bag, roles_of(bag), options.topics, options.remaps)
+    times = {name: times[name] for name in topics if name in times}
+    if not times:
+        raise ValueError(f'{path} has no messages of the topics to publish')
+    timed = [found for name, found in times.items() if not topics[name].qos.transient_local]
+    ordered = np.sort(np.concatenate([np.array(x, np.int64) for x in timed or times.values()]))
+    window = _window(path, options, int(ordered[0]), max(map(max, times.values())))
+    length, count = (ordered[-1] - ordered[0]) / NANOSECONDS, sum(map(len, times.values()))
+    lines.insert(0, f'{path}: {length:.3f} s, {count} messages of {len(topics)} topics')
+    if not bag.complete:
+        lines.append('the log was cut off; it is published up to the cut')
+    gaps = np.diff(ordered)
+    if len(gaps) and gaps.max() > GAP_NS:
+        at = (ordered[gaps.argmax()] - ordered[0]) / NANOSECONDS
+        lines.append(f'longest gap of the log: {gaps.max() / NANOSECONDS:.3f} s after {at:.3f} s')
+    return Playlist(bag, topics, window, late_ns, lines)
+
+
+def _window(path: Path, options: PlayOptions, first_ns: int, last_ns: int) -> Window:
+    """Return the log times from an offset [s] on; ValueError if there is nothing to play."""
+    length = (last_ns - first_ns) / NANOSECONDS
+    if options.start_offset > length:
+        raise ValueError(f'start offset {options.start_offset:g} s: {path} lasts {length:g} s')
+    begin = min(first_ns + round(options.start_offset * NANOSECONDS), last_ns)
+    end = last_ns + 1
+    if options.duration < length:
+        end = min(end, begin + max(1, round(options.duration * NANOSECONDS)))
+    return Window(first_ns, begin, end)
 
 
 def choose(

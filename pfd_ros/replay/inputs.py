@@ -186,7 +186,9 @@ class MovedInputs:
                 yield from self._moved(before, _broken(message, before))
             before = message if message.role in INPUTS else None
             self._states += message.role == STATES
-            last = max(last, message.cycle - (message.role in INPUTS))
+            # Inputs, and what was refused of them, have the cycle that follows.
+            ahead = before is not None or message.role == REJECTED
+            last = max(last, message.cycle - ahead)
             self._check(last)
         if before is not None:
             yield from self._moved(before, '')

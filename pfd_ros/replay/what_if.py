@@ -217,6 +217,10 @@ def what_if(
     with damage_named(path):
         old = _from_start(case.arrays, case.states, _times_ns(case), begins[0])
         new = _recorded_states(target, topic, begins[1])
+        if not len(new[topic]):
+            raise LogError(
+                f'the new run, in {target}, has no states: the arm waited for its clock'
+            )
         if result.failure and new[topic].time[-1] < old[case.states].time[0]:
             raise LogError(
                 f'the simulation failed before the first recorded state: {result.failure}; the '
@@ -324,7 +328,8 @@ def _engine(case: _Case, settings: Settings) -> Engine:
     roles |= {TIP_WRENCH} if settings.external_wrench else set()
     roles |= {CLOCK} if settings.publish_clock else set()
     roles |= frames.roles if frames is not None else set()
-    roles -= set() if settings.follows_clock else {CLOCK_TICKS}
+    if not settings.follows_clock and CLOCK_TICKS not in case.topics:
+        roles.discard(CLOCK_TICKS)
     return Engine(settings, case.robot, roles, frames)
 
 

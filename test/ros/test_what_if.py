@@ -97,7 +97,11 @@ def lockstep(path: Path) -> Path:
         if k % 40 == 0:
             events[k].insert(0, named(NAMES, effort=(9.0, 9.0), stamp_ns=stamp - 5_000_000))
     events[100].append(request('reset'))
-    simulate(path, 200, events, start_time=1.0, lockstep=True, wait_for_controller=True)
+    # Refused; after the last one the arm waits.
+    events[150].append(tick(5))
+    events[201] = [efforts(1.0)]
+    settings = {'start_time': 1.0, 'lockstep': True, 'wait_for_controller': True}
+    simulate(path, 201, events, roles=('clock_ticks',), **settings)
     return path
 
 

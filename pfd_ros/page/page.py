@@ -120,10 +120,9 @@ def _page(run: Recorded, marks: Sequence[Moment | Reference]) -> Page:
         found.append(Finding(label, severity, '', one_line(text.partition('\n')[0], 200), spans))
     found.sort(key=lambda x: (x.time, x.severity == NOTE))
     first = next((x for x in found if x.severity != NOTE), None)
-    unreadable = list(run.unreadable)
     if not run.log.complete:
         run.notes['the file is cut off: it was not closed, and the page is up to the cut'] = None
-    if not run.joints and not unreadable:
+    if not run.joints and not run.unreadable:
         run.notes['the log has no joint states'] = None
     said, severity = _said(run, first)
     plots = list(plots_of(run, references))
@@ -138,11 +137,20 @@ def _page(run: Recorded, marks: Sequence[Moment | Reference]) -> Page:
         _list('On this log', run.notes),
         _settings(run),
     ]
-    html = _document(
-        run.log.path.name,
-        ''.join(cards),
-        _data(run, plots[:MOST_PLOTS], found, first, moments),
-    )
+    lanes: dict[str, list[Any]] = {}
+    for each in found:
+        lane = lanes.setdefault(each.kind, [])
+        lane += [[*pair, each.severity] for pair in each.spans[:MOST_SPANS].tolist()]
+    data = {
+        'plots': [encoded(plot) for plot in plots[:MOST_PLOTS]],
+        'lanes': lanes,
+        'moments': [[m.time, m.end, m.label, m.severity] for m in moments],
+        'span': [*run.span],
+        'origin': _origin(run),
+        'first': None if first is None else first.time,
+    }
+    html = _document(run.log.path.name, ''.join(cards), data)
+    unreadable = list(run.unreadable)
     return Page(html, said, first, found, plots[:MOST_PLOTS], list(run.notes), unreadable)
 
 
@@ -204,11 +212,10 @@ def _story(found: Sequence[Finding]) -> str:
         # Without a joint, texts differ in more than the time.
         kinds.setdefault(each.kind if each.joint else f'{each.kind}\n{each.text}', []).append(each)
     rows = [_story_row(*group) for group in list(kinds.values())[:MOST_ROWS]]
-    more = (
-        f'<p class="small">and {len(kinds) - MOST_ROWS} more</p>' if len(kinds) > MOST_ROWS else ''
-    )
-    table = f'<table class="story">{"".join(rows)}</table>{more}' if rows else ''
-    return _card('In the order of time', table)
+    if len(kinds) > MOST_ROWS:
+        rows.append(f'<tr><td></td><td>and {len(kinds) - MOST_ROWS} more</td></tr>')
+    table = f'<table class="story">{"".join(rows)}</table>'
+    return _card('In the order of time', table if rows else '')
 
 
 def _story_row(first: Finding, *others: Finding) -> str:
@@ -246,13 +253,12 @@ def _facts(run: Recorded) -> Iterator[tuple[str, str]]:
     for joints in run.joints:
         named = f'states of {cut(joints.names[0])}' if len(run.joints) > 1 else 'states'
         yield named, f'{len(joints.time)}, every {1e3 * joints.period:.4g} ms'
-    settings = run.settings
-    if settings:
+    if run.settings:
         taken = sum(len(x) for role in INPUTS if (x := run.of_role(role)) is not None)
         rejected = run.of_role(REJECTED)
         yield 'inputs', f'{taken}, {0 if rejected is None else len(rejected)} rejected'
-        model = [str(settings.get(x)) for x in ('integrator', 'method') if settings.get(x)]
-        yield 'simulation', ', '.join([*model, f'step {settings.get("step_size")} s'])
+        model = ', '.join(f'{run.settings.get(x)}' for x in ('integrator', 'method'))
+        yield 'simulation', f'{model}, step {run.settings.get("step_size")} s'
     versions = json.loads(log.head.get('versions') or '{}')
     if isinstance(versions, dict) and versions.get('pfd'):
         yield 'recorded by', f'pfd {versions["pfd"]}'
@@ -333,30 +339,6 @@ def _of_joint(
             commanded=not run.settings or name in run.commanded,
         )
     return text if joints.bounds else text.removesuffix(', no limit reached')
-
-
-# What the script draws.
-
-
-def _data(
-    run: Recorded,
-    plots: Sequence[Plot],
-    found: Sequence[Finding],
-    first: Finding | None,
-    moments: Sequence[Moment],
-) -> dict[str, Any]:
-    lanes: dict[str, list[Any]] = {}
-    for each in found:
-        lane = lanes.setdefault(each.kind, [])
-        lane += [[*pair, each.severity] for pair in each.spans[:MOST_SPANS].tolist()]
-    return {
-        'plots': [encoded(plot) for plot in plots],
-        'lanes': lanes,
-        'moments': [[m.time, m.end, m.label, m.severity] for m in moments],
-        'span': [*run.span],
-        'origin': _origin(run),
-        'first': None if first is None else first.time,
-    }
 
 
 def _document(title: str, cards: str, data: dict[str, Any]) -> str:

@@ -47,7 +47,7 @@ from pfd_ros.node.diagnostics import ERROR, OK, DiagnosticsPublisher, Task
 from pfd_ros.node.report import Report, introduce, report_arm
 from pfd_ros.node.sim_arm import SimArm
 from pfd_ros.node.threads import END_SECONDS, Threads, described
-from pfd_ros.text import cut, one_line
+from pfd_ros.text import one_line
 
 NAME = 'sim_arm'
 UNCONFIGURED, INACTIVE, ACTIVE = (
@@ -231,30 +231,8 @@ class SimArmNode(LifecycleNode):
     def _guard_services(self) -> None:
         """Answer each request even if its callback raises, as some callbacks of rclpy do."""
         for service in self.services:
-            if isinstance(service.callback, _Guarded):
-                continue
-            if service.service_name.endswith('/change_state'):
-                service.callback = partial(self._change_state, service.callback)
-            service.callback = _Guarded(service.callback, self.callback_failed)
-
-    def _change_state(self, change: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
-        """Answer `~/change_state`; reject unknown transitions before rcl logs two errors.
-
-        As in rclpy, a label that is not empty takes precedence over the id.
-        """
-        asked = request.transition
-        machine = self._state_machine
-        possible = {label: number for number, label, *_ in machine.available_transitions}
-        if asked.label in possible or (not asked.label and asked.id in possible.values()):
-            return change(request, response)
-        name = repr(cut(asked.label)) if asked.label else asked.id
-        choices = ', '.join(f'{label} ({number})' for label, number in possible.items())
-        state = machine.current_state[1]
-        self._report.add(
-            'transitions', f'{name} is not possible when {state}; possible: {choices}'
-        )
-        response.success = False
-        return response
+            if not isinstance(service.callback, _Guarded):
+                service.callback = _Guarded(service.callback, self.callback_failed)
 
     def callback_failed(self, error: Exception) -> None:
         """Count a callback that raised; the executor continues."""
@@ -281,13 +259,9 @@ class SimArmNode(LifecycleNode):
             self._lock.release()
 
     def _report_callbacks(self, *, last: bool = False) -> None:
-        counts = self._report.counts()
-        for key, text, error in (
-            ('callbacks', 'callbacks failed, most recently by', True),
-            ('transitions', 'transitions rejected, most recently:', False),
-        ):
-            count, detail = counts.get(key, (0, ''))
-            self._report.line(key, count, f'{text} {detail}', error=error, last=last)
+        count, detail = self._report.counts().get('callbacks', (0, ''))
+        text = f'callbacks failed, most recently by {detail}'
+        self._report.line('callbacks', count, text, error=True, last=last)
 
     def close(self) -> None:
         """End the arm, after the transition that may be on its way; none follows."""

@@ -182,7 +182,7 @@ class SimArmNode(LifecycleNode):
         with warnings.catch_warnings(record=True) as found:
             warnings.simplefilter('always')
             try:
-                self.arm = SimArm(self, settings, self._report, self._threads, self._reached_ns)
+                self.arm = SimArm(self, settings, self._threads, self._reached_ns)
             finally:
                 for text in dict.fromkeys(str(warning.message) for warning in found):
                     self._report.log(text)
@@ -216,11 +216,9 @@ class SimArmNode(LifecycleNode):
         ended = arm.stop()
         self._reached_ns = max(self._reached_ns, arm.engine.stamp_ns)
         self._threads.guard('closing the recording', arm.close_recording, lambda: True)
-        self._threads.guard(
-            'reporting',
-            partial(report_arm, self._report, arm.stepper, arm.endpoints, last=True),
-            lambda: True,
-        )
+        arm.report.closing = True
+        report = partial(report_arm, arm.report, arm.stepper, arm.endpoints)
+        self._threads.guard('reporting', report, lambda: True)
         self._problems += arm.problems()
         self.get_logger().info(one_line(arm.summary()))
         if not ended:
@@ -248,7 +246,7 @@ class SimArmNode(LifecycleNode):
             level = ERROR if self._problems else OK
             tasks = [Task('lifecycle', level, label, [('problems', len(self._problems))])]
             if self.arm is not None:
-                report_arm(self._report, self.arm.stepper, self.arm.endpoints)
+                report_arm(self.arm.report, self.arm.stepper, self.arm.endpoints)
                 self.arm.graph.check()
                 tasks += self.arm.diagnostics.tasks()
             self._report_callbacks()
@@ -258,10 +256,10 @@ class SimArmNode(LifecycleNode):
         finally:
             self._lock.release()
 
-    def _report_callbacks(self, *, last: bool = False) -> None:
+    def _report_callbacks(self) -> None:
         count, detail = self._report.counts().get('callbacks', (0, ''))
         text = f'callbacks failed, most recently by {detail}'
-        self._report.line('callbacks', count, text, error=True, last=last)
+        self._report.line('callbacks', count, text, error=True)
 
     def close(self) -> None:
         """End the arm, after the transition that may be on its way; none follows."""
@@ -273,7 +271,8 @@ class SimArmNode(LifecycleNode):
             self._closed = True
             if self.arm is not None:
                 self._end(self.arm)
-            self._report_callbacks(last=True)
+            self._report.closing = True
+            self._report_callbacks()
         finally:
             self._lock.release()
 

@@ -67,10 +67,13 @@ class Report:
     ----------
     newest
         Role -> steady time of the newest accepted input, s.
+    closing
+        Whether the run ends: then lines are not delayed.
     """
 
     def __init__(self, logger: Any) -> None:
         self.newest: dict[str, float] = {}
+        self.closing = False
         self._logger = logger
         self._lock = threading.Lock()
         self._table: dict[Hashable, _Entry] = {}
@@ -99,34 +102,35 @@ class Report:
         with self._lock:
             return {key: (entry.count, entry.detail) for key, entry in self._table.items()}
 
-    def grown(self, key: Hashable, count: int, *, last: bool = False) -> int:
+    def grown(self, key: Hashable, count: int) -> int:
         """Return the increase of a count since its last line; 0 if no line is due."""
         with self._lock:
             entry = self._table.setdefault(key, _Entry())
-        entry.count = max(count, entry.count)
         new, now = count - entry.logged, time.monotonic()
-        if new <= 0 or (now < entry.due and not last):
+        if new <= 0 or (now < entry.due and not self.closing):
             return 0
         quiet = now - entry.due > entry.interval
         entry.interval = SHORTEST if quiet else min(2 * entry.interval, LONGEST)
         entry.due, entry.logged = now + entry.interval, count
         return new
 
-    def line(
-        self, key: Hashable, count: int, text: str, *, error: bool = False, last: bool = False
-    ) -> None:
+    def line(self, key: Hashable, count: int, text: str, *, error: bool = False) -> None:
         """Log the increase of a count, followed by a text."""
-        new = self.grown(key, count, last=last)
+        new = self.grown(key, count)
         if new:
             self.log(f'{new} {text}', error=error)
 
-    def event(
-        self, key: Hashable, count: int, text: str, *, error: bool = False, last: bool = False
-    ) -> None:
+    def event(self, key: Hashable, count: int, text: str, *, error: bool = False) -> None:
         """Log a text when a count has grown, with the increase behind it if it exceeds 1."""
-        new = self.grown(key, count, last=last)
+        new = self.grown(key, count)
         if new:
             self.log(text if new == 1 else f'{text} ({new} times)', error=error)
+
+    def lasting(self, key: Hashable, text: str) -> None:
+        """Log a text, at growing intervals while this is called."""
+        self.add(key)
+        if self.grown(key, self.counts()[key][0]):
+            self.log(text)
 
     def once(self, key: Hashable, text: str) -> None:
         """Log a finding once."""
@@ -171,50 +175,45 @@ def speed_of(engine: Engine) -> Speeding | None:
     return speeding(engine.robot, engine.plant.scene, peaks, from_file=bool(state.settings.scene))
 
 
-def report_arm(
-    report: Report, stepper: Stepper, endpoints: Endpoints, *, last: bool = False
-) -> None:
+def report_arm(report: Report, stepper: Stepper, endpoints: Endpoints) -> None:
     """Log what is new about an arm since the last call."""
     engine, state = stepper.engine, stepper.engine.state
-    _report_inputs(report, engine, endpoints, last)
+    _report_inputs(report, engine, endpoints)
     text = (
         'periods missed (busy machine): lower real_time_factor or publish_rate, or raise step_size'
     )
-    report.line('missed', stepper.missed, text, last=last)
-    report.event('timeouts', state.timeouts, timeout_text(state.settings), last=last)
+    report.line('missed', stepper.missed, text)
+    report.event('timeouts', state.timeouts, timeout_text(state.settings))
     text = f'protective stop, all joints braked: {state.tripped}; call ~/reset to end it'
-    report.event('reflex', state.trips, text, error=True, last=last)
+    report.event('reflex', state.trips, text, error=True)
     reason = f': {state.failure}' if state.failure else ''
     text = f'simulation stopped{reason}; call ~/reset to restart'
-    report.event('failure', state.failures, text, error=True, last=last)
+    report.event('failure', state.failures, text, error=True)
     waited = int(stepper.resent * RESEND_SECONDS)
     text = (
         f's of waiting for commands in lockstep, now for the state at t = '
         f'{engine.stamp_ns / NANOSECONDS:.9g} s; check that the controller answers each state '
         'and uses this /clock'
     )
-    report.line('lockstep', waited, text, last=last)
+    report.line('lockstep', waited, text)
     since = max(stepper.started, report.newest.get(CLOCK_TICKS, 0.0))
     silent = int(time.monotonic() - since) if state.settings.follows_clock else 0
-    if silent >= LOST_CLOCK_SECONDS and not last:
-        # Each look is counted, so the line is repeated at growing intervals.
-        report.add('lost clock')
+    if silent >= LOST_CLOCK_SECONDS and not report.closing:
         topic = endpoints.topic(CLOCK_TICKS)
         text = f'no {topic} for {silent} s: simulation paused until it is received again'
-        if report.grown('lost clock', report.counts()['lost clock'][0]):
-            report.log(text)
+        report.lasting('lost clock', text)
     speed = speed_of(engine)
     if speed is not None:
         report.once(('speed', speed.runaway), speed.text)
 
 
-def _report_inputs(report: Report, engine: Engine, endpoints: Endpoints, last: bool) -> None:
+def _report_inputs(report: Report, engine: Engine, endpoints: Endpoints) -> None:
     for (role, label), (count, detail) in report.inputs().items():
         topic, key = endpoints.topic(role), (role, label)
         if label == f'unknown_names{REMARK}':
             names = detail.removeprefix('unknown joints ')
             text = f'unknown joints in messages ignored on {topic}: {names}'
-            report.event(key, count, f'{text}; known joints: {listed(engine.names)}', last=last)
+            report.event(key, count, f'{text}; known joints: {listed(engine.names)}')
         elif label == f'{LOCKED_JOINTS}{REMARK}':
             names = detail.removeprefix('locked: ')
             report.once(key, f'commands for locked joints have no effect: {names}')
@@ -222,4 +221,4 @@ def _report_inputs(report: Report, engine: Engine, endpoints: Endpoints, last: b
             report.once(key, f'commands on {topic} have stamps of another clock: {detail}')
         elif is_rejection(label):
             text = f'messages on {topic} rejected: {label} ({detail})'
-            report.line(key, count, text, error=label in ERRORS, last=last)
+            report.line(key, count, text, error=label in ERRORS)

@@ -74,8 +74,6 @@ class SimArm:
         Gets the topics and services.
     settings
         From the parameters.
-    report
-        The table of counts and the log.
     threads
         Of the process; the arm ends with them.
     reached_ns
@@ -83,8 +81,8 @@ class SimArm:
 
     Attributes
     ----------
-    engine, endpoints, stepper, diagnostics
-        The parts that reports are about.
+    report, engine, endpoints, stepper, graph, diagnostics
+        The parts that reports are about, and the table of counts.
 
     Raises
     ------
@@ -92,10 +90,9 @@ class SimArm:
         If a parameter cannot be used; the node is unchanged then, and nothing has been recorded.
     """
 
-    def __init__(
-        self, node: Node, settings: Settings, report: Report, threads: Threads, reached_ns: int
-    ) -> None:
-        self._node, self._report, self._threads = node, report, threads
+    def __init__(self, node: Node, settings: Settings, threads: Threads, reached_ns: int) -> None:
+        self._node, self._threads = node, threads
+        self.report = Report(node.get_logger())
         self._ended = threading.Event()
         self._stepping: threading.Thread | None = None
         self._recorder: Recorder | None = None
@@ -110,7 +107,7 @@ class SimArm:
                 self.destroy_endpoints()
 
     def _build(self, settings: Settings) -> None:
-        node, report, log = self._node, self._report, self._node.get_logger()
+        node, report, log = self._node, self.report, self._node.get_logger()
         model = load_model(node, settings, self._threads.stop.is_set)
         settings = parameters.declare_joints(node, model.settings, model.robot)
         settings = with_scene_text(settings)
@@ -225,7 +222,7 @@ class SimArm:
 
     def totals(self) -> dict[str, Any]:
         """Return the totals of the run, for the log and the end of the recording."""
-        state, stepper, inputs = self.engine.state, self.stepper, self._report.inputs()
+        state, stepper, inputs = self.engine.state, self.stepper, self.report.inputs()
         return {
             'cycles': state.cycle,
             'steps': state.step,

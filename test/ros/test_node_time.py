@@ -282,7 +282,6 @@ def test_an_arm_follows_a_clock_forwards_only_and_logs_its_loss(
     reaches(start + 200 * MILLISECOND)
     assert (np.diff(stamps(peer.states)) > 0).all()
     assert set(np.diff(stamps(peer.states)) % (2 * MILLISECOND)) == {0}
-    # The number of seconds in front of it depends on when the arm looks.
     arm.wait_for_text(' s: simulation paused until it is received again')
     arm.stop()
     path = processes.folder / 'arm.mcap'

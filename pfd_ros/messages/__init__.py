@@ -3,7 +3,8 @@
 """Bytes of ROS 2 messages to arrays and back, without ROS.
 
     cdr                the wire format, one value at a time
-    types              names, definitions and hashes of message types
+    types              names of message types
+    definitions        definitions and hashes of types, and their decoders; rosbags does the work
     joints             JointState
     numbers            a stamp and a fixed count of numbers: clock, pose, wrench; frames of links
     text_and_arrays    String and Float64MultiArray

@@ -4,25 +4,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 import math
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.interfaces import Nodetype
-from rosbags.serde import SerdeError
-from rosbags.typesys import TypesysError, get_types_from_msg
-from rosbags.typesys.base import normalize_fieldname
-from rosbags.typesys.store import Typestore
 
 from pfd_ros.messages.cdr import HEADER, NANOSECONDS, STAMP, TIME, Reader
+from pfd_ros.messages.definitions import MessageType
 from pfd_ros.messages.joints import JOINT_FIELDS, decode_joints
-from pfd_ros.messages.types import definition as standard_definition
 
-# Bounds of hostile definitions: bytes, nested types, and fields of a type with all it uses.
-TEXT_BYTES, DEPTH, FIELDS = 1 << 18, 16, 4096
 # Bounds of padded rows of different lengths: elements, and their multiple of the filled ones.
 PADDED, MOST_PADDING = 1 << 20, 16
 # The fields of a JointState, in their order: type, and the number of sequences around it.
@@ -33,114 +25,26 @@ JOINT_PATHS = {
     'name': ('string', 1),
     **dict.fromkeys(JOINT_FIELDS, ('float64', 1)),
 }
-# What rosbags has in a type without fields.
-_NOTHING = 'structure_needs_at_least_one_member'
 _NUMPY_TYPES = {'byte': 'u1', 'char': 'u1', 'octet': 'u1', 'string': 'O'}
 
 
-class Decoder:
-    """Decodes messages of one type.
-
-    Parameters
-    ----------
-    kind
-        Such as 'sensor_msgs/msg/JointState'.
-    definition
-        Its definition, then the definitions of the types it uses (`ros2msg`); '' for a type of
-        ROS 2 Jazzy.
-
-    Raises
-    ------
-    ValueError
-        If it is no definition, a type is missing or uses itself, or there are too many fields.
-    """
+class Decoder(MessageType):
+    """Decodes messages of one type, many at once."""
 
     def __init__(self, kind: str, definition: str = '') -> None:
-        if len(definition) > TEXT_BYTES:
-            raise ValueError(
-                f'definition of {kind} has {len(definition)} bytes, expected at most {TEXT_BYTES}'
-            )
-        package, _, name = kind.rpartition('/')
-        self.kind = f'{package.removesuffix("/msg")}/msg/{name}'
-        self._store = Typestore()
-        try:
-            text = definition.replace('\r\n', '\n') or standard_definition(self.kind)
-            types = get_types_from_msg(text, self.kind)
-            if sum(len(constants) + len(fields) for constants, fields in types.values()) > FIELDS:
-                raise ValueError(f'definition of {kind} has more than {FIELDS} lines')
-            _count_fields(self.kind, types, 0)
-            self._store.register(types)
-            self._store.get_msgdef(self.kind)
-        # The parser and the generator of rosbags name what they lack: a base type, for example.
-        except (TypesysError, KeyError, AssertionError, RecursionError) as error:
-            raise ValueError(f'definition of {kind} cannot be read: {str(error)[:200]}') from error
-        # Path of each primitive field -> its type, and the sequences it lies in.
-        self.paths = dict(self._paths(self.kind))
-        self._access: dict[str, tuple[list[str], Callable[[Any], Any], list[Any]]] = {}
+        super().__init__(kind, definition)
         # The commonest type has a decoder of its own; bags may have another one of its name.
         self._of_joints = list(self.paths.items()) == list(JOINT_PATHS.items())
 
-    def _paths(self, kind: str, prefix: str = '', rank: int = 0) -> Iterator[tuple[str, Any]]:
-        for name, inner, many in self._fields(kind):
-            if inner[0] == Nodetype.NAME:
-                yield from self._paths(inner[1], f'{prefix}{name}.', rank + many)
-            elif name != _NOTHING:
-                yield prefix + name, (inner[1][0], rank + many)
-
-    def _fields(self, kind: str) -> Iterator[tuple[str, Any, bool]]:
-        """Yield name and type of each field, and whether there are several."""
-        for name, description in self._store.fielddefs[kind][1]:
-            many = description[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE)
-            yield name, description[1][0] if many else description, many
-
     def decode(self, data: bytes) -> dict[str, Any]:
-        """Return the fields of a message by path; ValueError if the bytes are not such a message.
-
-        A field of several nested messages is a list with one value for each.
-        """
-        if self._of_joints:
-            joints = decode_joints(data)
-            stamp = divmod(joints.stamp_ns, NANOSECONDS)
-            values = *stamp, joints.frame_id, joints.names
-            arrays = joints.position, joints.velocity, joints.effort
-            return dict(zip(JOINT_PATHS, (*values, *arrays), strict=True))
-        try:
-            message = self._store.deserialize_cdr(data, self.kind)
-        except SerdeError as error:
-            raise ValueError(str(error)) from error
-        return self._values(self.kind, message)
-
-    def _values(self, kind: str, message: Any) -> dict[str, Any]:
-        if kind not in self._access:
-            self._access[kind] = self._accessors(kind)
-        paths, values_of, lists = self._access[kind]
-        found = dict(zip(paths, values_of(message), strict=True))
-        for path, list_of, inner, names in lists:
-            rows = [self._values(inner, one) for one in list_of(message)]
-            for name in names:
-                found[f'{path}.{name}'] = [row[name] for row in rows]
-        return found
-
-    def _accessors(self, kind: str) -> tuple[list[str], Callable[[Any], Any], list[Any]]:
-        """Return the paths outside of lists, a function with their values, and the lists."""
-        paths: list[str] = []
-        lists = []
-
-        def visit(kind: str, prefix: str) -> None:
-            for name, inner, many in self._fields(kind):
-                path = prefix + name
-                if inner[0] == Nodetype.BASE:
-                    paths.extend([path] if name != _NOTHING else [])
-                elif many:
-                    names = [name for name, _ in self._paths(inner[1])]
-                    lists.append((path, _attribute(path), inner[1], names))
-                else:
-                    visit(inner[1], f'{path}.')
-
-        visit(kind, '')
-        if len(paths) > 1:
-            return paths, _attribute(*paths), lists
-        return paths, lambda message: [_attribute(path)(message) for path in paths], lists
+        """Return the fields of a message by path, as MessageType does."""
+        if not self._of_joints:
+            return super().decode(data)
+        joints = decode_joints(data)
+        stamp = divmod(joints.stamp_ns, NANOSECONDS)
+        arrays = joints.position, joints.velocity, joints.effort
+        values = *stamp, joints.frame_id, joints.names, *arrays
+        return dict(zip(JOINT_PATHS, values, strict=True))
 
     def read(self, messages: Sequence[bytes]) -> tuple[dict[str, NDArray[Any]], NDArray[np.int64]]:
         """Return the fields of N messages as arrays by path, such as 'header.stamp.sec'.
@@ -173,32 +77,6 @@ class Decoder:
                 columns[path].append(value)
         arrays = {path: _stacked(values, *self.paths[path]) for path, values in columns.items()}
         return arrays, np.array(good, np.int64)
-
-
-def _attribute(*paths: str) -> Callable[[Any], Any]:
-    """Return a function with the values of some paths of a message of rosbags."""
-    return attrgetter(*('.'.join(map(normalize_fieldname, path.split('.'))) for path in paths))
-
-
-def _count_fields(kind: str, types: Mapping[str, Any], depth: int) -> int:
-    """Return the fields of a type with all it uses; ValueError above the bounds."""
-    if kind not in types:
-        raise ValueError(f'definition of type {kind} is missing')
-    if depth > DEPTH:
-        raise ValueError(f'type {kind} is nested deeper than {DEPTH} types')
-    total = 1
-    for _, (node, inner) in types[kind][1]:
-        count = 1
-        if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-            # The decoder has a line for each element of an array of strings or messages.
-            (node, inner), length = inner
-            numbers = node == Nodetype.BASE and inner[0] != 'string'
-            count = length if length and not numbers else 1
-        nested = _count_fields(inner, types, depth + 1) if node == Nodetype.NAME else 1
-        total += count * nested
-        if total > FIELDS:
-            raise ValueError(f'type {kind} has more than {FIELDS} fields')
-    return total
 
 
 class _Places(Reader):

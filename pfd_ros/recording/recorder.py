@@ -26,8 +26,8 @@ from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
 import pfd_core as pfd
 from pfd_ros.arm.events import ASIDES, CLOCK, CLOCK_TICKS, ROLES, Message
+from pfd_ros.messages.definitions import definition_of, type_hash
 from pfd_ros.messages.qos import Qos, qos_text
-from pfd_ros.messages.types import definition, type_hash
 from pfd_ros.recording import format as names
 from pfd_ros.recording.format import EndKey, HeadKey
 from pfd_ros.recording.provenance import PROGRAM, robot_text, versions
@@ -203,7 +203,7 @@ class Recorder:
         for role, topic in topics.items():
             kind, latched = ROLES[role].type, ROLES[role].latched
             if kind not in schemas:
-                described = names.SCHEMA_ENCODING, definition(kind).encode()
+                described = names.SCHEMA_ENCODING, definition_of(kind).encode()
                 schemas[kind] = writer.register_schema(kind, *described)
             ids[role] = writer.register_channel(
                 topic,

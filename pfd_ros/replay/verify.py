@@ -23,7 +23,7 @@ from pfd_ros.arm.description import parsed_urdf
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import ASIDES, DESCRIPTION, INPUTS, REJECTED, ROLES, Message
 from pfd_ros.arm.frames import LinkFrames
-from pfd_ros.messages.types import known_types
+from pfd_ros.messages.definitions import known_types
 from pfd_ros.recording.format import EndKey, LogError, damage_named
 from pfd_ros.recording.log import Log
 from pfd_ros.recording.mcap_records import EXPANSION

@@ -430,7 +430,6 @@ PATCHED = {
     # pfd_ros.replay: verification, what-if, comparison, the player
     'PLAYER_DISCOVERY_SECONDS': 'pfd_ros.replay.publish:DISCOVERY_SECONDS',
     'PlayerSchedule_next_ns': 'pfd_ros.replay.schedule:Schedule.next_ns',
-    'PlayerSchedule_pause': 'pfd_ros.replay.schedule:Schedule.pause',
     # pfd_ros.node: the arm on its topics
     'Engine_step': 'pfd_ros.arm.engine:Engine.step',
     'EventsExecutor': 'pfd_ros.node.process:EventsExecutor',

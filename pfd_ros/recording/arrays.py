@@ -47,8 +47,6 @@ class LogArrays:
     received_ns : mapping of str to ndarray of int64
         Log times of the messages of each topic in the window, also of topics not decoded, in
         their order [ns].
-    sizes : mapping of str to int
-        Bytes of these messages.
     settings : mapping or None
         Settings of the node by parameter, for a recording of ours.
     robot : Robot or None
@@ -66,7 +64,6 @@ class LogArrays:
     path: Path
     topics: Mapping[str, str]
     received_ns: Mapping[str, NDArray[np.int64]] = field(repr=False)
-    sizes: Mapping[str, int] = field(repr=False)
     settings: Mapping[str, Any] | None = field(repr=False)
     robot: pfd.Robot | None = field(repr=False)
     roles: Mapping[str, str] = field(repr=False)
@@ -267,7 +264,6 @@ def _arrays(
         bag.path,
         {name: topic.type for name, topic in bag.topics.items()},
         received,
-        {name: topic.size for name, topic in found.items()},
         settings,
         robot,
         roles,

@@ -31,7 +31,6 @@ class TopicFacts:
     encoding: str
     qos: str
     messages: int
-    bytes: int
     median_interval_ns: float | None
     longest_gap_ns: int | None
     unreadable: str
@@ -98,7 +97,6 @@ def _topic(log: LogArrays, name: str) -> TopicFacts:
         topic.encoding,
         topic.qos,
         len(received),
-        log.sizes[name],
         max((float(np.median(x)) for x in intervals), default=None),
         max((int(x.max()) for x in intervals), default=None),
         unreadable,

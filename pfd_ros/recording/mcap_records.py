@@ -11,7 +11,7 @@ Source: the MCAP format specification, version 0.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
 import os
@@ -24,7 +24,7 @@ import zlib
 import lz4.frame
 from mcap import records as kinds
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import EndOfFile, InvalidMagic, McapError
+from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader
@@ -86,29 +86,20 @@ def records(path: Path | str, *, expansion: float = EXPANSION) -> Iterator[McapR
         If it cannot be read.
     """
     with opened(path) as stream:
-        size = os.fstat(stream.fileno()).st_size
-        begin = stream.read(len(MAGIC))
-        if begin != MAGIC and not (begin and MAGIC.startswith(begin)):
-            raise LogError(f'{path} {foreign(begin + stream.read(64))}')
+        begin = stream.read(len(MAGIC) + 64)
+        if not begin or not begin.startswith(MAGIC[: len(begin)]):
+            raise LogError(f'{path} {foreign(begin)}')
         stream.seek(0)
         reader = _Reader(stream)
         try:
-            yield from _all(reader, SLACK_BYTES + expansion * size, size)
-        except (EndOfFile, struct.error):
-            stream.seek(max(0, size - len(MAGIC)))
-            if size > len(MAGIC) and stream.read() == MAGIC:
-                raise _damage(path, reader, 'a record is longer than the file') from None
+            yield from _all(reader, os.fstat(stream.fileno()).st_size, expansion)
         except LogError as error:
             raise LogError(one_line(f'{path}: {error}')) from None
-        except InvalidMagic:
-            raise _damage(path, reader, 'the file does not end with its footer') from None
         # RuntimeError is lz4's.
         except (McapError, zstandard.ZstdError, RuntimeError, ValueError, OverflowError) as error:
-            raise _damage(path, reader, error) from error
-
-
-def _damage(path: Path | str, reader: _Reader, why: object) -> LogError:
-    return LogError(one_line(f'{path} is damaged near byte {reader.place}: {why}'))
+            raise LogError(
+                one_line(f'{path} is damaged near byte {reader.place}: {error}')
+            ) from error
 
 
 def foreign(begin: bytes) -> str:
@@ -132,30 +123,34 @@ def opened(path: Path | str) -> Iterator[BinaryIO]:
         yield stream
 
 
-def _all(reader: _Reader, left: float, size: int) -> Iterator[McapRecord]:
-    """Yield the records of a file whose unpacked chunks may have `left` bytes."""
+def _all(reader: _Reader, size: int, expansion: float) -> Iterator[McapRecord]:
     known: set[tuple[type, int]] = set()
-    footer = None
-    for found in reader.records:
-        inner: Iterator[McapRecord] = iter((found,))
-        if isinstance(found, Chunk):
-            if found.uncompressed_size > min(left, RECORD_BYTES):
-                raise LogError(
-                    f'a chunk holds {found.uncompressed_size} bytes: more than {RECORD_BYTES}, or '
-                    f'all chunks more than the bound: unpack it with `mcap decompress`, or raise '
-                    'the bound with read_log(..., expansion=1000)'
-                )
-            left -= found.uncompressed_size
-            inner = records_of(unpacked(found))
-        for record in inner:
-            if isinstance(record, Footer):
-                footer = record
+    left, footer = SLACK_BYTES + expansion * size, None
+    try:
+        for found in reader.records:
+            if isinstance(found, Footer):
+                footer = found
                 continue
-            if isinstance(record, Channel | Schema):
-                known.add((type(record), record.id))
-                if len(known) > 2 * CHANNELS:
-                    raise LogError(f'more than {CHANNELS} channels')
-            yield record
+            inner: Iterable[McapRecord] = (found,)
+            if isinstance(found, Chunk):
+                left -= found.uncompressed_size
+                if left < 0 or found.uncompressed_size > RECORD_BYTES:
+                    raise LogError(
+                        f'its chunks unpack to more than {expansion:g} times the file, or one to '
+                        f'{found.uncompressed_size} bytes: unpack it with `mcap decompress`, or '
+                        'raise the bound with read_log(..., expansion=1000)'
+                    )
+                inner = records_of(unpacked(found))
+            for record in inner:
+                if isinstance(record, Channel | Schema):
+                    known.add((type(record), record.id))
+                    if len(known) > 2 * CHANNELS:
+                        raise LogError(f'more than {CHANNELS} channels')
+                yield record
+    except (EndOfFile, struct.error):  # a cut, unless the file has its end
+        if reader.ends_with_magic:
+            raise ValueError('a record is longer than the file') from None
+        return
     if reader.place != size:
         raise ValueError(f'{size - reader.place} bytes follow its footer; two files in one?')
     if footer is not None:
@@ -183,10 +178,19 @@ class _Reader(StreamReader):
             stream, emit_chunks=True, validate_crcs=True, record_size_limit=RECORD_BYTES
         )
 
+        self._file = stream
+
     @property
     def place(self) -> int:
         """Bytes read so far."""
         return int(self._stream.count)
+
+    @property
+    def ends_with_magic(self) -> bool:
+        """Whether the file ends as a complete one; reading cannot go on afterwards."""
+        end = self._file.seek(0, os.SEEK_END)
+        self._file.seek(max(0, end - len(MAGIC)))
+        return end > len(MAGIC) and self._file.read() == MAGIC
 
     def _read_record(self, opcode: int, length: int) -> McapRecord | None:
         if opcode != Opcode.MESSAGE and opcode not in _PARSERS:

@@ -150,20 +150,13 @@ def decoder_of(topic: BagTopic) -> Decoder:
 
 
 class TopicReader:
-    """The messages of a topic, decoded in blocks.
-
-    Attributes
-    ----------
-    size
-        Bytes of all messages.
-    """
+    """Reads the messages of a topic and decodes them in blocks."""
 
     def __init__(self, topic: BagTopic, wanted: bool, ours: bool) -> None:
-        self.size = 0
         self._topic, self._wanted, self._ours = topic, wanted, ours
         self._times, self._publish_ns, self._numbers = array('q'), array('q'), array('q')
         self._block: list[BagMessage] = []
-        self._block_end = BLOCK_BYTES
+        self._block_bytes = 0
         self._decoder: Decoder | None = None
         self._error: ValueError | None = None
         # Of each block: arrays, places of its readable messages, and their list of names.
@@ -180,13 +173,13 @@ class TopicReader:
     def add(self, message: BagMessage) -> None:
         """Take a message of the window."""
         self._block.append(message)
-        self.size += len(message.data)
-        if len(self._block) >= BLOCK_MESSAGES or self.size >= self._block_end:
+        self._block_bytes += len(message.data)
+        if len(self._block) >= BLOCK_MESSAGES or self._block_bytes >= BLOCK_BYTES:
             self._decode()
 
     def _decode(self) -> None:
         """Decode the block and drop its bytes."""
-        block, self._block, self._block_end = self._block, [], self.size + BLOCK_BYTES
+        block, self._block, self._block_bytes = self._block, [], 0
         before = len(self._times)
         try:
             self._times.extend(message.log_ns for message in block)

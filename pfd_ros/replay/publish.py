@@ -14,14 +14,11 @@ setting a parameter is answered with a reason.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Iterator, Sequence
 import math
 from pathlib import Path
-import sys
 import time
-from typing import Any, Protocol, TextIO
+from typing import Any, Protocol
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 import rclpy
@@ -53,7 +50,7 @@ DISCOVERY_SECONDS = 1.0
 # Longest wait for the acknowledgement of the last messages, and between looks at signals.
 END_SECONDS, SLICE_SECONDS = 2.0, 0.1
 # While messages are late, callbacks run this often; a look for them takes 0.1 ms.
-SERVE_NS, PROGRESS_NS, LATE_NS = 10_000_000, 200_000_000, 10_000_000
+SERVE_NS, LATE_NS = 10_000_000, 10_000_000
 # A Clock has 31 bits for the seconds. A shell adds the number of a signal to this status.
 CLOCK_SECONDS, STATUS_BASE = 1 << 31, 128
 # Of the middleware; other errors are of this program, and end it with their traceback.
@@ -88,10 +85,10 @@ def play(path: Path, options: PlayOptions, stop: Stop) -> int:
     if found is None:
         return STATUS_BASE + stop.number
     for line in found.lines:
-        say(line)
+        _say(line)
     ticks = options.clock_hz is not None
     if ticks and any(topic.published == CLOCK_TOPIC for topic in found.topics.values()):
-        say(f'Ignoring --clock: the log contains {CLOCK_TOPIC}')
+        _say(f'Ignoring --clock: the log contains {CLOCK_TOPIC}')
         ticks = False
     if ticks and found.window.end_ns > CLOCK_SECONDS * NANOSECONDS:
         raise ValueError(
@@ -111,14 +108,8 @@ def play(path: Path, options: PlayOptions, stop: Stop) -> int:
         try_shutdown()
 
 
-def say(line: str) -> None:
-    """Print a line, in place of the progress on a terminal."""
-    erase = '\r\033[K' if _is_terminal(sys.stdout) and _is_terminal(sys.stderr) else ''
-    print(f'{erase}{one_line(line)}', flush=True)
-
-
-def _is_terminal(stream: TextIO | None) -> bool:
-    return stream is not None and stream.isatty()
+def _say(line: str) -> None:
+    print(one_line(line), flush=True)
 
 
 class _Player:
@@ -130,11 +121,8 @@ class _Player:
         self._executor: Any = EventsExecutor()
         self._executor.add_node(self.node)
         self._publishers: dict[str, Any] = {}
-        self._kept: dict[str, int] = {}
-        for name, played in found.topics.items():
-            kept = self._publish_on(played)
-            if kept:
-                self._kept[name] = kept
+        for played in found.topics.values():
+            self._publish_on(played)
         if not self._publishers:
             raise ValueError(f'{found.bag.path} has no topic to publish; --topics names commands')
         self._clock: Any = None
@@ -142,8 +130,8 @@ class _Player:
             self._clock = self.node.create_publisher(
                 Clock, CLOCK_TOPIC, profile_of(KNOWN_QOS['clock'])
             )
-        self.node.create_service(SetBool, '~/pause', self._watched(self._on_pause))
-        self.node.create_service(Trigger, '~/step', self._watched(self._on_step))
+        self.node.create_service(SetBool, '~/pause', self._on_pause)
+        self.node.create_service(Trigger, '~/step', self._on_step)
         for name, value, meaning in (
             ('rate', options.rate, "speed, as a multiple of the log's"),
             ('seek_to', options.start_offset, 'continue at this time [s] of the log'),
@@ -151,20 +139,25 @@ class _Player:
             # ros2 param set takes 5 for an integer.
             about = ParameterDescriptor(description=meaning, dynamic_typing=True)
             self.node.declare_parameter(name, value, about)
-        self.node.add_on_set_parameters_callback(self._watched(self._on_parameters))
-        self._sent = 0
-        self._late: Counter[str] = Counter()
-        self._longest_late_ns = self._served_ns = self._shown_ns = self._looked_ns = 0
-        # Topics on which another node publishes, too.
-        self._shared: set[str] = set()
-        self._schedule: Schedule | None = None
-        # Whether a signal came while messages were read; why they could not be read, or an error
-        # of this program in a callback.
-        self._cut_short = False
+        self.node.add_on_set_parameters_callback(self._on_parameters)
+        self._sent = self._late = self._longest_late_ns = self._served_ns = 0
+        # Why messages could not be read.
         self._failure: Exception | None = None
+        self._schedule = Schedule(
+            self._messages,
+            {
+                name: profile_of(topic.qos).depth
+                for name, topic in found.topics.items()
+                if topic.qos.transient_local
+            },
+            found.window,
+            rate=options.rate,
+            loop=options.loop,
+            paused=options.start_paused,
+            tick_ns=round(NANOSECONDS / options.clock_hz) if ticks and options.clock_hz else None,
+        )
 
-    def _publish_on(self, played: Played) -> int:
-        """Create a publisher; return how many messages it keeps for later subscriptions."""
+    def _publish_on(self, played: Played) -> None:
         try:
             self._publishers[played.name] = self.node.create_publisher(
                 message_class(played.type),
@@ -175,18 +168,14 @@ class _Player:
         except (ImportError, AttributeError, *ERRORS) as error:
             if played.published != played.name:
                 raise ValueError(f'--remap {cut(played.name)}: {error}') from error
-            say(f'not published: {cut(played.name)}: {error}')
-            return 0
-        return profile_of(played.qos).depth if played.qos.transient_local else 0
+            _say(f'not published: {cut(played.name)}: {error}')
 
     def _messages(self) -> Iterator[BagMessage]:
         """Yield the messages to publish, up to a signal."""
         try:
-            for message in in_order(
-                self._found.bag.messages(self._publishers), self._found.late_ns
-            ):
+            messages = self._found.bag.messages(self._publishers)
+            for message in in_order(messages, self._found.late_ns):
                 if self._stop.is_set():
-                    self._cut_short = True
                     return
                 yield message
         except (LogError, OSError) as error:
@@ -198,47 +187,25 @@ class _Player:
         until = time.monotonic() + DISCOVERY_SECONDS
         while not self._stop.is_set() and (left := until - time.monotonic()) > 0:
             self._serve(min(left, SLICE_SECONDS))
-        clock_hz = self._options.clock_hz
-        self._schedule = schedule = Schedule(
-            self._messages,
-            self._kept,
-            self._window,
-            rate=self._options.rate,
-            loop=self._options.loop,
-            paused=self._options.start_paused,
-            tick_ns=round(NANOSECONDS / clock_hz) if self._clock and clock_hz else None,
-        )
         begun = time.monotonic()
-        say(f'{"paused" if schedule.paused else "begin"} at {self._position()}')
-        while not (schedule.ended or self._stop.is_set() or self._cut_short or self._failure):
-            self._step(schedule)
+        _say(f'{"paused" if self._schedule.paused else "begin"} at {self._position()}')
+        while not (self._schedule.ended or self._stop.is_set() or self._failure):
+            self._step(self._schedule)
         if self._failure is not None:
             raise self._failure
-        interrupted = self._stop.is_set() or self._cut_short
+        interrupted = self._stop.is_set()
         if not interrupted:
             self._wait_for_readers()
-        say(
+        _say(
             f'published {self._sent} messages in {time.monotonic() - begun:.3f} s, up to '
             f'{self._position()}'
         )
         worst = self._longest_late_ns * 1e-6
-        count = self._late.total() or 'no'
-        say(f'{count} messages were more than {LATE_NS * 1e-6:g} ms late, at most {worst:.1f} ms')
+        count = self._late or 'no'
+        _say(f'{count} messages were more than {LATE_NS * 1e-6:g} ms late, at most {worst:.1f} ms')
         if interrupted and not self._options.loop:
             return STATUS_BASE + self._stop.number
         return 0
-
-    def _report_others(self, now: int) -> None:
-        """Report once a topic on which another node publishes; discovery may take seconds."""
-        if now - self._looked_ns < NANOSECONDS:
-            return
-        self._looked_ns = now
-        ends = [*self._publishers.values(), *([self._clock] if self._clock else [])]
-        own = Counter(end.topic_name for end in ends)
-        for name in sorted(own.keys() - self._shared):
-            if self.node.count_publishers(name) > own[name]:
-                self._shared.add(name)
-                say(f'Another publisher on {name}: stop it, or use --remap')
 
     def _step(self, schedule: Schedule) -> None:
         """Publish the messages that are due, or wait for them and answer calls."""
@@ -248,8 +215,6 @@ class _Player:
             now = time.monotonic_ns()
             if now - self._served_ns > SERVE_NS:
                 break
-        self._show(schedule, now)
-        self._report_others(now)
         when = schedule.next_ns()
         wait = SLICE_SECONDS if when is None else (when - time.monotonic_ns()) / NANOSECONDS
         if not schedule.ended:
@@ -259,24 +224,9 @@ class _Player:
         """Run at most one callback, or wait for so long."""
         try:
             self._executor.spin_once(timeout_sec=seconds)
-        except Exception as error:
-            if self._failure is not None:
-                raise
-            # Of rclpy: any node may send its services requests that it does not expect.
-            say(f'ROS: a request failed: {type(error).__name__}: {error}')
+        except Exception as error:  # any node may send rclpy a request that it does not expect
+            _say(f'ROS: a request failed: {type(error).__name__}: {error}')
         self._served_ns = time.monotonic_ns()
-
-    def _watched(self, callback: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a callback whose errors end the player, unlike errors of rclpy's callbacks."""
-
-        def call(*args: Any) -> Any:
-            try:
-                return callback(*args)
-            except Exception as error:
-                self._failure = error
-                raise
-
-        return call
 
     def _handle(self, event: Send | Tick | Jump, now: int) -> None:
         if isinstance(event, Send):
@@ -285,7 +235,7 @@ class _Player:
             late = 0 if event.due_ns is None else now - event.due_ns
             self._longest_late_ns = max(self._longest_late_ns, late)
             if late > LATE_NS:
-                self._late[event.message.topic] += 1
+                self._late += 1
         elif isinstance(event, Tick):
             if self._clock:
                 self._clock.publish(encode_clock(event.log_ns))
@@ -293,7 +243,7 @@ class _Player:
             back = 'back ' if event.to_ns < event.from_ns else ''
             times = f'from {self._seconds(event.from_ns)} to {self._seconds(event.to_ns)}'
             label = 'seek' if event.loop is None else f'loop {event.loop}'
-            say(f'{label}: jumped {back}{times}')
+            _say(f'{label}: jumped {back}{times}')
 
     def _wait_for_readers(self) -> None:
         """Wait until reliable subscriptions have the last messages."""
@@ -304,53 +254,36 @@ class _Player:
                 end.wait_for_all_acked(Duration(seconds=left))
 
     def _position(self) -> str:
-        assert self._schedule is not None
         return self._seconds(self._schedule.position_ns(time.monotonic_ns()))
 
     def _seconds(self, log_ns: int) -> str:
         return f'{(log_ns - self._window.first_ns) / NANOSECONDS:.3f} s'
 
-    def _show(self, schedule: Schedule, now: int) -> None:
-        """Show the progress on a terminal."""
-        if now - self._shown_ns < PROGRESS_NS or not _is_terminal(sys.stderr):
-            return
-        self._shown_ns = now
-        paused = ', paused' if schedule.paused else ''
-        end = self._seconds(self._window.end_ns)
-        line = f'{self._position()} of {end}, rate {schedule.rate:g}{paused}'
-        print(f'\r\033[K{line}', end='', file=sys.stderr, flush=True)
-
     def _on_pause(self, asked: Any, response: Any) -> Any:
-        return self._answer(response, partial(self._pause, asked.data))
-
-    def _pause(self, paused: bool, schedule: Schedule) -> str:
-        (schedule.pause if paused else schedule.resume)(time.monotonic_ns())
-        line = f'{"paused" if paused else "resumed"} at {self._position()}'
-        say(line)
-        return line
+        change = self._schedule.pause if asked.data else self._schedule.resume
+        change(time.monotonic_ns())
+        line = f'{"paused" if asked.data else "resumed"} at {self._position()}'
+        _say(line)
+        response.success, response.message = True, line
+        return response
 
     def _on_step(self, asked: Any, response: Any) -> Any:
-        return self._answer(response, self._one_message)
+        try:
+            response.success, response.message = True, self._one_message()
+        except ValueError as error:
+            response.success, response.message = False, one_line(f'refused: {error}')
+        return response
 
-    def _one_message(self, schedule: Schedule) -> str:
+    def _one_message(self) -> str:
         now = time.monotonic_ns()
-        if not schedule.step(now):
+        if not self._schedule.step(now):
             raise ValueError('end of the log reached')
-        while (event := schedule.due(now)) is not None:
+        while (event := self._schedule.due(now)) is not None:
             self._handle(event, now)
             if isinstance(event, Send) and event.due_ns is not None:
                 topic = self._publishers[event.message.topic].topic_name
                 return f'{topic} at {self._seconds(event.message.log_ns)}'
         raise ValueError('end of the log reached')
-
-    def _answer(self, response: Any, action: Callable[[Schedule], str]) -> Any:
-        try:
-            if self._schedule is None:
-                raise ValueError('playback has not started: try again')
-            response.success, response.message = True, action(self._schedule)
-        except ValueError as error:
-            response.success, response.message = False, one_line(f'refused: {error}')
-        return response
 
     def _on_parameters(self, parameters: Sequence[Any]) -> SetParametersResult:
         """Accept and apply `rate` and `seek_to`, or none of them."""
@@ -363,14 +296,12 @@ class _Player:
             low, high = RATES
             if not low <= given.get('rate', low) <= high:
                 raise ValueError(f'rate is {given["rate"]:g}, expected {low:g} to {high:g}')
-            schedule, now = self._schedule, time.monotonic_ns()
-            if given and schedule is None:
-                raise ValueError('playback has not started: try again')
-            if schedule is not None and 'seek_to' in given:
-                schedule.seek(now, self._window.at(given['seek_to']))
-            if schedule is not None and 'rate' in given:
-                schedule.set_rate(now, float(given['rate']))
-                say(f'rate {given["rate"]:g} from {self._position()} on')
+            now = time.monotonic_ns()
+            if 'seek_to' in given:
+                self._schedule.seek(now, self._window.at(given['seek_to']))
+            if 'rate' in given:
+                self._schedule.set_rate(now, float(given['rate']))
+                _say(f'rate {given["rate"]:g} from {self._position()} on')
         except ValueError as error:
             return SetParametersResult(successful=False, reason=one_line(error))
         return SetParametersResult(successful=True)

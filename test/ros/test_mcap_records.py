@@ -194,7 +194,10 @@ STATED = struct.pack('<QQQI', 0, 0, 1 << 40, 0) + text('zstd') + struct.pack('<Q
 MANY = b''.join(channel(number=k) for k in range(1, MCAP_CHANNELS + 3))
 MANY += b''.join(schema(number=k) for k in range(1, MCAP_CHANNELS + 3))
 HOSTILE = {
-    'a chunk that states a terabyte': (header() + record(6, STATED) + ending(), 'a chunk holds'),
+    'a chunk that states a terabyte': (
+        header() + record(6, STATED) + ending(),
+        'unpack to more than',
+    ),
     'a gigabyte of zeros in kilobytes': (
         header() + chunk(bytes(1 << 26), zstd(bytes(1 << 26)), 'zstd', crc=0) + ending(),
         r'expansion=1000',
@@ -249,7 +252,7 @@ HOSTILE = {
     ),
     'channels without end': (header() + MANY + ending(), f'more than {MCAP_CHANNELS} topics'),
     'two files in one': (WHOLE + WHOLE, 'bytes follow its footer; two files in one'),
-    'another end': (WHOLE[:-8] + b'12345678', 'does not end with its footer'),
+    'another end': (WHOLE[:-8] + b'12345678', 'invalid magic'),
 }
 
 

@@ -7,9 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from importlib import import_module
-import os
 from pathlib import Path
-import pty
 import re
 import signal
 import subprocess
@@ -541,24 +539,6 @@ def test_an_error_of_the_player_itself_is_a_traceback_and_not_called_ros(
     assert 'ROS:' not in player.text()
 
 
-def test_a_callback_that_fails_ends_the_player(
-    processes: Processes, peer_of: PeerOf, tmp_path: Path
-) -> None:
-    from std_srvs.srv import SetBool
-
-    peer = peer_of(processes)
-    log = write_words(tmp_path / 'words.mcap', 200)
-    player = start(processes, log, PlayerSchedule_pause=partial(failing, KeyError))
-    player.wait_for_text('begin at')
-    client = peer.node.create_client(SetBool, '/log_player/pause')
-    peer.wait(client.service_is_ready)
-    client.call_async(SetBool.Request(data=True))
-    peer.wait(lambda: player.process.poll() is not None)
-    assert player.process.returncode == 1
-    assert "KeyError: 'a bug'" in player.text()
-    peer.node.destroy_client(client)
-
-
 def test_a_request_that_rclpy_cannot_answer_does_not_end_the_player(
     processes: Processes, peer_of: PeerOf, tmp_path: Path
 ) -> None:
@@ -596,48 +576,6 @@ def test_an_output_that_is_closed_ends_the_player(processes: Processes, tmp_path
         assert player.wait(60) == 128 + signal.SIGPIPE
         assert player.stderr is not None
         assert player.stderr.read() == ''
-
-
-@pytest.mark.slow
-def test_a_terminal_shows_the_position_on_one_line(processes: Processes, tmp_path: Path) -> None:
-    log = write_words(tmp_path / 'words.mcap', 5, apart=0.2)
-    ours, theirs = pty.openpty()
-    player = subprocess.Popen(
-        [sys.executable, *PFD, 'replay', str(log), '--publish'],
-        env=environment(processes.domain),
-        stdout=theirs,
-        stderr=theirs,
-    )
-    os.close(theirs)
-    shown = b''
-    try:
-        # A terminal whose last process has ended raises an error in place of an end.
-        while block := os.read(ours, 4096):
-            shown += block
-    except OSError:
-        pass
-    finally:
-        assert player.wait(60) == 0
-        os.close(ours)
-    text = shown.decode()
-    assert re.search(r'\r\x1b\[K0\.\d{3} s of 0\.800 s, rate 1\r\x1b\[K', text), text
-    assert '\r\x1b[Kpublished 7 messages' in text
-
-
-def test_a_second_publisher_of_a_topic_is_reported(
-    processes: Processes, peer_of: PeerOf, tmp_path: Path
-) -> None:
-    from std_msgs.msg import String
-
-    peer = peer_of(processes)
-    other = peer.node.create_publisher(String, WORDS, 1)
-    log = write_words(tmp_path / 'words.mcap', 2, apart=0.01)
-    player = start(processes, log, '--start-paused')
-    player.wait_for_text('Another publisher on /words: stop it, or use --remap')
-    paused(peer, False)
-    assert player.process.wait(60) == 0
-    assert player.text().count('Another publisher') == 1
-    peer.node.destroy_publisher(other)
 
 
 def test_a_log_that_was_cut_off_is_published_up_to_the_cut(

@@ -174,12 +174,12 @@ class LockstepArm:
     @property
     def q(self) -> Array:
         """Positions in the last state, (n,), rad or m; a copy."""
-        return self.engine.measured()[0]
+        return np.array(self.engine.measured()[0])
 
     @property
     def qd(self) -> Array:
         """Velocities in the last state, (n,), rad/s or m/s; a copy."""
-        return self.engine.measured()[1]
+        return np.array(self.engine.measured()[1])
 
     def run(
         self, controller: Controller, seconds: float, *, patience: float = PATIENCE_SECONDS
@@ -273,7 +273,7 @@ class LockstepArm:
             raise ValueError(f'seconds is {seconds!r}, expected above zero and finite')
         count = max(1, math.ceil(seconds / self.period - SLACK))
         rows = Rows(count, len(self.names), self.period)
-        run(self, link, rows, allowed)
+        run(self.engine, self.step, link, rows, allowed)
         braked = self.engine.state.acting[BRAKE][self._order] > 0.0
         moved = rows.states[1:, 2].any(axis=0)
         return rows.trajectory(

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The arm in lockstep with a controller: one loop over a link.
 
-    run(arm, link, rows, allowed)     publish messages, take what is commanded, step
+    run(engine, step, link, rows, allowed)     publish messages, take commands, step
 
 The arm never waits for a command. A link gives each message to the controllers, waits until they
 have finished what follows from it, and returns what they commanded: nothing, one or several
@@ -11,12 +11,13 @@ commands. So the same commands come before the same cycles, however long a contr
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 import math
-from typing import TYPE_CHECKING, Protocol
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
+from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import ACCEPTED, ALL_NAN, LABELS, NAMED, Message, Verdict
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS, decode_joints
@@ -26,9 +27,7 @@ from pfd_ros.testing.patience import Watch
 from pfd_ros.testing.trajectory import Rows
 from pfd_ros.text import did_you_mean, listed
 
-if TYPE_CHECKING:
-    from pfd_ros.testing.arm import LockstepArm
-
+Step: TypeAlias = Callable[[Sequence[tuple[str, bytes]], int], tuple[list[Any], list[Verdict]]]
 # The names that `allow_rejected` takes.
 REASONS = LABELS[1:]
 
@@ -93,8 +92,11 @@ def seconds_of(stamp_ns: int) -> float:
     return seconds + 1e-9 * rest
 
 
-def run(arm: LockstepArm, link: Link, rows: Rows, allowed: Collection[str] = ()) -> None:
+def run(engine: Engine, step: Step, link: Link, rows: Rows, allowed: Collection[str] = ()) -> None:
     """Fill rows with published states and the efforts that follow them.
+
+    `step` takes commands and runs to the next cycle that a number divides; it returns messages and
+    verdicts, as LockstepArm.step.
 
     Raises
     ------
@@ -103,7 +105,6 @@ def run(arm: LockstepArm, link: Link, rows: Rows, allowed: Collection[str] = ())
     Exception
         Of the link: a controller failed, did not answer, or its command was rejected.
     """
-    engine, step = arm.engine, arm.step
     settings = engine.state.settings
     every = settings.publish_every
     if not link.silent:

@@ -65,6 +65,8 @@ AFTER_STATE, AFTER_TICK = 2, 3
 QUIET_SECONDS, AGAIN_SECONDS, LOOK_SECONDS = 0.2, 0.5, 0.05
 STATE_DEPTH, COMMAND_DEPTH = 10, 100
 THREADS = 'several threads or a timer on wall time'
+LATE = f'a command came after its node had said that it was done: it has {THREADS}'
+BOTH = f'commands follow states as well as ticks: if that is not meant, there are {THREADS}'
 # These deliver to readers of the same process within publish(); with others, nodes of this process
 # would have to be peers.
 DELIVER_AT_ONCE = ('rmw_fastrtps', 'rmw_cyclonedds')
@@ -436,9 +438,7 @@ class NodeLink:
         first = min(sent.values(), default=0)
         for _, _, when in came if self._peers else ():
             if when < first:
-                self._note(
-                    f'a command came after its node had said that it was done: it has {THREADS}'
-                )
+                self._note(LATE)
             self._after.add(CLOCK if when >= sent.get(CLOCK, math.inf) else STATES)
         if len(self._after) == 2 and not self._several:
             self._note(
@@ -475,9 +475,7 @@ class NodeLink:
                     f'{said}, and the nodes have finished their callbacks{self._outputs()}'
                 )
         if late and self._peers:
-            self._note(
-                f'a command came after its node had said that it was done: it has {THREADS}'
-            )
+            self._note(LATE)
 
     def _settle(self, role: str, stamp_ns: int) -> None:
         """Return when every node has done all that follows from the last message."""

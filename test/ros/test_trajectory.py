@@ -6,9 +6,12 @@ from __future__ import annotations
 
 import math
 
-from bridge import LockstepArm, RunLimits, RunTrajectory, overshoot, settling_time
+from bridge import overshoot, settling_time
 import numpy as np
 import pytest
+
+import pfd_core as pfd
+from pfd_ros.testing import Limits, LockstepArm, Trajectory
 
 # A wheel of 0.5 kg m^2 about a vertical axis: gravity has no torque, so PD control makes it the
 # second-order system of the textbooks.
@@ -23,21 +26,21 @@ TARGET = 0.8
 FREQUENCY = 12.0
 
 
-def unlimited(n: int) -> RunLimits:
-    return RunLimits(*(sign * np.full(n, math.inf) for sign in (-1, 1, 1, 1)))
+def unlimited(n: int) -> Limits:
+    return Limits(*(sign * np.full(n, math.inf) for sign in (-1, 1, 1, 1)))
 
 
-def motion(time, q, tau=None, **limits) -> RunTrajectory:
+def motion(time, q, tau=None, **limits) -> Trajectory:
     """Return a trajectory of joints a, b, ... from columns."""
     q = np.asarray(q, float)
     q = q.reshape(len(q), -1)
     tau = np.zeros_like(q) if tau is None else np.asarray(tau, float).reshape(q.shape)
     names = tuple('abcdef'[: q.shape[1]])
     bounds = unlimited(q.shape[1])._replace(**{k: np.array(v) for k, v in limits.items()})
-    return RunTrajectory(np.asarray(time, float), q, np.zeros_like(q), tau, names, bounds)
+    return Trajectory(np.asarray(time, float), q, np.zeros_like(q), tau, names, bounds)
 
 
-def step_response(damping: float, seconds: float = 2.0) -> RunTrajectory:
+def step_response(damping: float, seconds: float = 2.0) -> Trajectory:
     """Return the answer of the wheel under PD to a step, at this damping ratio."""
     stiffness = INERTIA * FREQUENCY**2
     damper = 2 * damping * FREQUENCY * INERTIA
@@ -179,3 +182,69 @@ def test_assertions_check_the_named_joints() -> None:
         found.assert_settles(1.0, within=1.0, by=3.0)
     with pytest.raises(ValueError, match=r'target has shape \(3,\)'):
         found.settling_time([1, 2, 3], 0.1)
+
+
+TIME = np.arange(101) / 100.0
+
+
+def sine(t: float) -> list[float]:
+    return [math.sin(t), 0.5]
+
+
+def test_a_motion_tracks_a_reference_within_its_largest_error_and_its_rms() -> None:
+    exact = np.array([sine(t) for t in TIME.tolist()])
+    off = exact + np.array([0.02, 0.0])
+    off[50, 1] += 0.1
+    found = motion(TIME, off)
+    for reference in (sine, exact):
+        found.assert_tracks(reference, within=0.1001, rms=0.0201)
+        found.assert_tracks(reference, rms=0.0201, joint='a')
+        found.assert_tracks(reference, within=1e-9, after=0.505, joint='b')
+        with pytest.raises(AssertionError) as beyond:
+            found.assert_tracks(reference, within=0.05)
+        assert str(beyond.value).splitlines()[0] == (
+            "joint 'b' is 0.1 from its reference at t = 0.5 s, expected within 0.05; at most 0.1 "
+            'at t = 0.5 s'
+        )
+        with pytest.raises(AssertionError, match=r"the error of joint 'a' has an rms of 0\.02, exp"):
+            found.assert_tracks(reference, rms=0.019)
+    (failure,) = [beyond.value.__dict__['motion']]
+    assert failure.time == 0.5
+    assert (failure.reference[2] == exact).all()
+    for wrong, text in (
+        ({'within': 0.1, 'reference': np.zeros((3, 2))}, r'reference has shape \(3, 2\)'),
+        ({'within': 0.1, 'reference': [math.nan, 0.0]}, 'expected finite numbers'),
+        ({'reference': sine}, 'expected within=..., rms=... or both'),
+        ({'within': 0.1, 'reference': sine, 'after': 3.0}, 'after is 3 s, expected at most'),
+    ):
+        with pytest.raises(ValueError, match=text):
+            found.assert_tracks(**wrong)
+
+
+def test_a_motion_that_is_not_finite_tracks_nothing() -> None:
+    q = np.zeros((101, 2))
+    q[70] = math.nan
+    with pytest.raises(AssertionError, match=r'nan from its reference at t = 0\.7 s'):
+        motion(TIME, q).assert_tracks([0.0, 0.0], within=1.0)
+
+
+def test_the_tip_of_a_planar_arm_is_where_its_angles_say() -> None:
+    robot = pfd.load_robot('planar2')
+    q = np.array([[0.0, 0.0], [0.3, -0.2]])
+    found = Trajectory(
+        np.array([0.0, 0.1]), q, 0 * q, 0 * q, robot.joint_names, unlimited(2), robot
+    )
+    tip = found.tip()
+    # Both links turn in one plane: a turn of the first joint keeps the distance from the base.
+    turned = Trajectory(
+        found.time, q + np.array([0.7, 0.0]), 0 * q, 0 * q, robot.joint_names, unlimited(2), robot
+    )
+    reach = np.linalg.norm(turned.tip(), axis=1)
+    assert np.linalg.norm(tip, axis=1) == pytest.approx(reach)
+    found.assert_tip_tracks(tip, within=1e-12)
+    with pytest.raises(
+        AssertionError, match=r'the tip is \S+ from its reference at t = 0\.1 s, exp'
+    ):
+        found.assert_tip_tracks(tip[0], within=1e-3)
+    with pytest.raises(ValueError, match='the motion has no robot'):
+        motion(TIME, np.zeros((101, 2))).tip()

@@ -26,8 +26,10 @@ def test_the_node_moves_the_arm_to_its_goal(sim_arm, node):
     motion.assert_no_limit_hit()
 
 
-def test_the_node_works_with_the_arm_as_a_process(sim_arm, node, tmp_path):
+def test_the_node_has_the_same_bits_in_each_run(sim_arm, node, tmp_path):
     log = tmp_path / 'run.mcap'  # `pfd replay --verify` simulates it again
-    motion = sim_arm(**UR5, process=True, ros_args=GLUE, recording=log).spin(4.0, node)
-    motion.assert_settles(GOAL, within=2e-3, by=3.0)
+    first = sim_arm(**UR5, ros_args=GLUE, recording=log).spin(1.0, node)
+    second = sim_arm(**UR5, ros_args=GLUE).spin(1.0, node)
+    assert first.notes == []  # why a run may differ another time
+    assert (first.q == second.q).all()
     assert log.exists()

@@ -1,0 +1,399 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The pytest plugin in sessions of its own: fixtures, domains, and what failing tests leave."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+import os
+from pathlib import Path
+import re
+import shutil
+import socket
+import subprocess
+import sys
+from typing import Any
+
+from bridge import (
+    DDS_PARTICIPANT_PORT,
+    DDS_PORT_BASE,
+    DDS_PORT_GAIN,
+    claimed_domain,
+    own_domain,
+    pfd_main,
+)
+import numpy as np
+from plugin_sessions import forked_session, install, run, session
+import pytest
+from ros_processes import HAS_ROS, ROOT
+
+from pfd_ros import read_log
+
+EXAMPLE = ROOT / 'docs' / 'examples' / 'controller_package'
+# Tests that fail, each with a recording and a page of its arms, and tests that leave nothing.
+TESTS = """
+import sys
+import pytest
+
+def test_modules(pytestconfig):
+    assert pytestconfig.pluginmanager.hasplugin('pfd_ros')
+    for name in ('rclpy', 'pfd_core', 'numpy', 'pfd_ros.arm', 'pfd_ros.messages'):
+        assert name not in sys.modules, name
+    import numpy
+    global np
+    np = numpy
+
+def controller(t, q, qd):
+    return -20.0 * q - 2.0 * qd + (5.0 if t > 0.1 else 0.0)
+
+def test_settles(sim_arm):
+    arm = sim_arm(robot='planar2', gravity=[0.0, 0.0, 0.0], external_wrench=True)
+    arm.run(controller, 0.05)
+    arm.push([0, 0, 0], [0, 0, 1.0])
+    arm.run(controller, 0.02)
+    arm.reset()
+    motion = arm.run(controller, 0.3)
+    np.save('q.npy', motion.q)
+    motion.assert_settles(0.0, within=1e-3, by=0.0)
+
+def test_own_assertion(sim_arm, tmp_path):
+    arm = sim_arm(robot='planar2')
+    assert arm.run(controller, 0.2).q[-1, 0] == 7.0
+
+def test_two_arms(sim_arm):
+    for gravity in (0.0, -9.81):
+        sim_arm(robot='planar2', gravity=[0.0, 0.0, gravity]).run(controller, 0.02)
+    raise RuntimeError('</pre><script>alert(1)</script>')
+
+def test_nan(sim_arm):
+    sim_arm(robot='planar2').run(lambda t, q, qd: q * np.nan if t > 0.01 else 0 * q, 0.05)
+
+def test_recorded(sim_arm, tmp_path):
+    arm = sim_arm(robot='planar2', recording=tmp_path / 'own.mcap')
+    arm.run(controller, 0.05)
+    raise RuntimeError
+
+def test_restored(sim_arm):
+    arm = sim_arm(robot='planar2')
+    arm.run(controller, 0.05)
+    state = arm.save()
+    arm.run(controller, 0.05)
+    arm.restore(state)
+    arm.run(controller, 0.02)
+    raise RuntimeError
+
+def test_passes(sim_arm):
+    sim_arm(robot='planar2').run(controller, 0.02)
+    assert 'rclpy' not in sys.modules
+
+@pytest.mark.xfail
+def test_xfail(sim_arm):
+    sim_arm(robot='planar2').run(controller, 0.02)
+    raise RuntimeError
+
+def test_no_arm(sim_arm):
+    raise RuntimeError
+"""
+FAILING = ('settles', 'own_assertion', 'two_arms', 'nan', 'recorded', 'restored')
+NODES = """
+import os, sys
+import numpy as np
+import rclpy
+from tested_controllers import command_of, node_of
+
+def test_spins(sim_arm, ros_domain):
+    assert rclpy.ok()
+    assert os.environ['ROS_DOMAIN_ID'] == str(ros_domain)
+    node = node_of('filter')
+    motion = sim_arm(robot='ur5').spin(0.1, node)
+    np.save('spun.npy', motion.q)
+    node.destroy_node()
+    assert False
+
+def test_processes(sim_arm, controller_process, sim_node):
+    motion = sim_arm(robot='ur5').spin(0.02, controller_process(command_of('states')))
+    assert motion.notes == []
+
+def test_the_node(sim_node):
+    node = sim_node(robot='planar2', ros_args=['-r', '__ns:=/left'])
+    for _ in range(10_000):
+        if 'braked until its first command' in node.text():
+            break
+        node.process.poll()
+
+def test_none():
+    assert not rclpy.ok()
+    # A test may do it all by itself.
+    rclpy.init(domain_id=5)
+
+def test_that_of_the_user(ros_domain):
+    assert ros_domain == 5
+
+def test_left_alone():
+    assert rclpy.ok()
+    rclpy.shutdown()
+"""
+
+
+@pytest.fixture(scope='module')
+def failed(site: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """Return the folder of a session, with its artifacts, and its output."""
+    folder = tmp_path_factory.mktemp('session')
+    return folder, session(site, folder, TESTS, ['--sim-arm-artifacts', 'left', '-rA'], status=1)
+
+
+def place(folder: Path, name: str) -> Path:
+    return folder / 'left' / f'test_it.py_test_{name}'
+
+
+def test_a_session_that_does_not_use_the_plugin_imports_neither_ros_nor_the_library(
+    failed: tuple[Path, str],
+) -> None:
+    assert 'PASSED test_it.py::test_modules' in failed[1]
+    assert 'PASSED test_it.py::test_passes' in failed[1]
+
+
+def test_a_failed_assertion_shows_the_line_of_the_test_and_none_of_the_helper(
+    failed: tuple[Path, str],
+) -> None:
+    assert re.search(r'^test_it\.py:\d+: AssertionError', failed[1], re.MULTILINE)
+    assert 'trajectory.py' not in failed[1]
+
+
+def test_failing_tests_with_arms_leave_a_folder_that_the_report_names(
+    failed: tuple[Path, str],
+) -> None:
+    folder, text = failed
+    assert {path.name for path in (folder / 'left').iterdir()} == {
+        f'test_it.py_test_{name}' for name in FAILING
+    }
+    for name in FAILING:
+        arm = 'arm1' if name == 'two_arms' else 'arm'
+        assert f'recording  {place(folder, name)}/{arm}.mcap' in text
+        assert f'page       {place(folder, name)}/{arm}.html' in text
+    assert 'not written' not in text
+
+
+def test_the_recording_is_the_run_that_failed_bit_for_bit(failed: tuple[Path, str]) -> None:
+    folder, _ = failed
+    recorded = read_log(place(folder, 'settles') / 'arm.mcap')['/joint_states'].position
+    run = np.load(folder / 'q.npy')
+    # The last row of a motion is one period before the last state.
+    assert recorded[-len(run) : -1].tobytes() == run[1:].tobytes()
+
+
+@pytest.mark.parametrize('name', FAILING[:5])
+def test_recordings_of_failed_runs_verify(
+    failed: tuple[Path, str], name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    logs = list(place(failed[0], name).glob('*.mcap'))
+    assert logs
+    for log in logs:
+        assert pfd_main(['replay', str(log), '--verify']) == 0
+        assert 'every bit equal' in capsys.readouterr().out
+
+
+def test_of_a_restored_arm_the_recording_begins_with_the_state(failed: tuple[Path, str]) -> None:
+    states = read_log(place(failed[0], 'restored') / 'arm.mcap')['/joint_states']
+    assert states.stamp_ns.tolist() == [10**6 * k for k in range(52, 72)]
+    assert 'the log begins there, not verifiable' in ' '.join(failed[1].split())
+
+
+def test_the_page_marks_the_moment_of_the_assertion_and_the_push(
+    failed: tuple[Path, str],
+) -> None:
+    folder, text = failed
+    found = re.search(r"AssertionError: joint '\w+' is \S+ from its target 0 at t = (\S+) s", text)
+    assert found is not None
+    # A plain assertion has no time: the end of the run is marked.
+    for name, time in (('settles', float(found[1])), ('own_assertion', 0.201)):
+        page = (place(folder, name) / 'arm.html').read_text(encoding='utf-8')
+        marked = re.search('failed assertion <button data-time="([^"]+)">', page)
+        assert marked is not None
+        assert float(marked[1]) == pytest.approx(time, abs=1e-6)
+        pushed, reason = '[0.0, 0.0, 1.0] N m' in page, '== 7.0' in page
+        assert (pushed, reason) == (name == 'settles', name == 'own_assertion')
+
+
+def test_the_text_of_an_error_is_escaped_on_the_page(failed: tuple[Path, str]) -> None:
+    page = (place(failed[0], 'two_arms') / 'arm2.html').read_text(encoding='utf-8')
+    assert '</pre><script>alert' not in page
+    assert '&lt;/pre&gt;&lt;script&gt;alert(1)' in page
+
+
+def test_the_input_that_was_rejected_is_on_the_page(failed: tuple[Path, str]) -> None:
+    page = (place(failed[0], 'nan') / 'arm.html').read_text(encoding='utf-8')
+    assert 'not_finite' in page
+
+
+FALLS = """
+def test_falls(sim_arm):
+    arm = sim_arm(robot='planar2')
+    arm.run(lambda t, q, qd: 0 * q, 0.02).assert_settles(1.0, within=0.1, by=0.0)
+"""
+
+
+def test_without_the_option_the_folder_is_next_to_the_temporary_folder(
+    site: Path, tmp_path: Path
+) -> None:
+    code = FALLS + FALLS.replace('falls(sim_arm)', 'with_a_folder(sim_arm, tmp_path)')
+    forked_session(site, tmp_path, code, ['--basetemp', str(tmp_path / 'base')], status=1)
+    left = {path.name for path in (tmp_path / 'base').iterdir() if path.name.endswith('-sim_arm')}
+    assert left == {'test_falls-sim_arm', 'test_with_a_folder0-sim_arm'}
+
+
+def test_a_session_with_workers_keeps_the_artifacts_of_the_one_before(
+    site: Path, tmp_path: Path
+) -> None:
+    (tmp_path / 'left' / 'test_it.py_test_falls').mkdir(parents=True)
+    options = ['--sim-arm-artifacts', 'left', '-n', '1', '-p', 'xdist']
+    text = forked_session(site, tmp_path, FALLS, options, status=1)
+    first, second = sorted((tmp_path / 'left').iterdir())
+    assert (first.name, list(first.iterdir())) == ('test_it.py_test_falls', [])
+    assert second.name == 'test_it.py_test_falls-2'
+    assert f'recording  {second}/arm.mcap' in text
+
+
+def test_a_folder_that_cannot_be_made_leaves_the_report_of_the_test(
+    site: Path, tmp_path: Path
+) -> None:
+    (tmp_path / 'left').touch()
+    options = ['--sim-arm-artifacts', 'left']
+    text = forked_session(site, tmp_path, FALLS, options, status=1)
+    assert 'expected within 0.1' in text
+    assert 'no recording and no page: NotADirectoryError: ' in text
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+def test_nodes_processes_and_the_node_itself_are_in_the_domain_of_the_test(
+    site: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv('PYTHONPATH', str(ROOT / 'test' / 'ros'))
+    options = ['--sim-arm-artifacts', 'left']
+    text = forked_session(site, tmp_path, NODES, options, status=1)
+    assert '1 failed, 5 passed' in text
+    log = tmp_path / 'left' / 'test_it.py_test_spins' / 'arm.mcap'
+    assert pfd_main(['replay', str(log), '--verify']) == 0
+    assert 'every bit equal' in capsys.readouterr().out
+    recorded = read_log(log)['/joint_states'].position
+    assert recorded[:-1].tobytes() == np.load(tmp_path / 'spun.npy')[1:].tobytes()
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+def test_workers_have_separate_domains(site: Path, tmp_path: Path) -> None:
+    code = """
+import pathlib, time
+import pytest
+
+@pytest.mark.parametrize('number', range(2))
+def test_domain(ros_domain, number, worker_id):
+    here = pathlib.Path(__file__).parent
+    (here / f'{worker_id}.txt').write_text(str(ros_domain))
+    for _ in range(1000):
+        found = list(here.glob('gw*.txt'))
+        if len(found) == 2 and all(path.read_text() for path in found):
+            break
+        time.sleep(0.02)
+    assert len({path.read_text() for path in found}) == 2
+"""
+    assert '2 passed' in forked_session(site, tmp_path, code, ['-n', '2', '-p', 'xdist'])
+
+
+# Domains.
+
+
+def test_a_claimed_domain_leads_to_no_other_system_and_leaves_the_environment_as_it_was(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    hostile = {'ROS_DISCOVERY_SERVER': 'x', 'ROS_STATIC_PEERS': 'x', 'FASTDDS_STATISTICS': 'x'}
+    for name, value in {**hostile, 'ROS_DOMAIN_ID': '7', 'ROS_LOG_DIR': 'logs'}.items():
+        monkeypatch.setenv(name, value)
+    before = dict(os.environ)
+    with claimed_domain() as domain:
+        assert os.environ['ROS_DOMAIN_ID'] == str(domain)
+        assert os.environ['ROS_LOG_DIR'] == 'logs'
+        assert hostile.keys().isdisjoint(os.environ)
+        monkeypatch.setenv('ANOTHER', 'set meanwhile')
+    assert dict(os.environ) == before | {'ANOTHER': 'set meanwhile'}
+
+
+def test_a_claimed_domain_is_passed_over_and_free_again_after_its_process() -> None:
+    with own_domain() as one, own_domain() as other:
+        assert one != other
+        assert 1 <= min(one, other) <= max(one, other) <= 101
+        with own_domain(start=one - 1, avoided=str(one % 101 + 1)) as third:
+            assert third not in (one, other, one % 101 + 1)
+    # A process that is killed keeps no claim, whatever its temporary folder is.
+    code = (
+        'import os; from bridge import own_domain; '
+        f'claim = own_domain(start={one - 1}); print(claim.__enter__(), flush=True); os._exit(1)'
+    )
+    env = {**os.environ, 'PYTHONPATH': os.pathsep.join([str(ROOT), str(ROOT / 'test')])}
+    options: dict[str, Any] = {'capture_output': True, 'text': True, 'check': False, 'env': env}
+    done = subprocess.run([sys.executable, '-c', code], timeout=60, cwd=ROOT, **options)
+    with own_domain(start=int(done.stdout) - 1) as again:
+        assert again == int(done.stdout)
+    with ExitStack() as claims:
+        found: list[int] = []
+
+        def claim_all() -> None:
+            while True:
+                found.append(claims.enter_context(own_domain()))
+
+        # Other processes may have some.
+        with pytest.raises(OSError, match='all ROS domains from 1 to 101 are taken'):
+            claim_all()
+    assert len(set(found)) == len(found) > 50
+
+
+def test_a_domain_in_which_a_participant_runs_is_passed_over() -> None:
+    with own_domain() as first:
+        pass
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
+        participant.bind(('', DDS_PORT_BASE + DDS_PORT_GAIN * first + DDS_PARTICIPANT_PORT))
+        with own_domain(start=first - 1) as found:
+            assert found != first
+
+
+# The code of README and guides, and the package to copy.
+
+
+def test_the_test_in_the_readme_passes(sim_arm) -> None:
+    (code,) = re.findall('```py\n(.*?)```', (ROOT / 'README.md').read_text(encoding='utf-8'), re.S)
+    names: dict[str, Any] = {}
+    exec(code, names)
+    names['test_controller_settles'](sim_arm)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('has_ros', 'text'), [(True, '9 passed'), (False, '7 passed, 1 skipped')])
+def test_the_example_repository_passes_its_tests(has_ros: bool, text: str, tmp_path: Path) -> None:
+    if has_ros and not HAS_ROS:
+        pytest.skip('rclpy is not installed')
+    copied = Path(shutil.copytree(EXAMPLE, tmp_path / 'controller_package'))
+    install(tmp_path)
+    if not has_ros:
+        (copied / 'conftest.py').write_text("import sys\nsys.modules['rclpy'] = None\n")
+    assert text in run(tmp_path, copied)
+    page = (copied / 'README.md').read_text(encoding='utf-8')
+    assert all(
+        str(path.relative_to(copied)) in page
+        for path in copied.rglob('*.py')
+        if path.name not in ('__init__.py', 'conftest.py')
+    )
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+def test_the_tests_of_nodes_in_the_guide_pass(site: Path, tmp_path: Path) -> None:
+    text = (ROOT / 'docs/guides/testing-a-controller.md').read_text(encoding='utf-8')
+    shutil.copytree(EXAMPLE / 'joint_pd', tmp_path / 'joint_pd')
+    # The settings and the goal of the first block, which test_guides.py runs.
+    lines = re.findall(r'^(?:import numpy|goal = |ur5 = ).*$', text, re.MULTILINE)
+    code = '\n'.join([*lines, *re.findall('```py\n(.*?)```', text, re.S)])
+    assert '3 passed' in session(site, tmp_path, code)

@@ -25,12 +25,11 @@ from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.recording.bags import Bag, BagTopic
 from pfd_ros.recording.format import FORMAT, HeadKey, LogError, damage_named
+from pfd_ros.recording.log import robot_of
 from pfd_ros.recording.mcap_records import EXPANSION
 from pfd_ros.recording.topic_arrays import TopicArrays, TopicReader
 from pfd_ros.text import cut, listed
 
-# Characters of a robot; more joints than an arm has need less.
-ROBOT_CHARACTERS = 1 << 20
 RAISE, COUNT = 'raise', 'count'
 
 
@@ -247,7 +246,7 @@ def _arrays(
         settings = _table(bag, HeadKey.SETTINGS)
         simulated = 'log' if _table(bag, HeadKey.TIMES).get('simulated') else 'publish'
         end = {key: json.loads(text) for key, text in bag.end.items()}
-        robot = _robot(bag)
+        robot = robot_of(bag.robot)
     read: dict[str, TopicArrays | LogError] = {}
     received, roles = {}, roles_of(bag)
     for name, topic in found.items():
@@ -293,11 +292,3 @@ def _table(bag: Bag, key: str) -> dict[str, Any]:
     if not isinstance(found, dict):
         raise ValueError(f'{key} in its head is {cut(repr(found))}, expected a table')
     return found
-
-
-def _robot(bag: Bag) -> pfd.Robot:
-    text = bag.robot_text
-    # A single line would be taken for the name of a robot or a file, and `<` for URDF.
-    if '\n' not in text or text.lstrip().startswith('<') or len(text) > ROBOT_CHARACTERS:
-        raise ValueError('it has no robot')
-    return pfd.load_robot(text)

@@ -34,13 +34,13 @@ from pfd_ros.recording.mcap_records import EXPANSION, RECORD_BYTES, opened, reco
 from pfd_ros.text import cut, listed
 
 # Bounds of foreign bags, above what robots record.
-TOPICS, FILES, DESCRIPTION_BYTES = 4096, 4096, 1 << 18
+TOPICS, DESCRIPTION_BYTES = 4096, 1 << 18
 DESCRIPTION = 'metadata.yaml'
 # Bytes of messages that wait for earlier ones of a log that is out of order.
 WAITING_BYTES = 1 << 30
 _SQLITE = b'SQLite format 3\0'
 _LOGS, _PACKED = ('.mcap', '.db3', '.sqlite3'), ('.zstd', '.zst', '.gz', '.lz4')
-_NUMBERED = re.compile(r'(.*)_(\d+)')
+_NUMBERED = re.compile(r'(.*)_(\d+)\.\w+')
 
 
 class BagTopic(NamedTuple):
@@ -75,7 +75,7 @@ class Bag:
         As in `mcap_records.records`.
     topics
         By name.
-    head, end, robot_text
+    head, end, robot
         Metadata HEAD and END and attachment ROBOT of a recording of the node, else empty.
     complete
         Whether each file was closed properly; known after the last message.
@@ -86,7 +86,7 @@ class Bag:
     topics: dict[str, BagTopic] = field(default_factory=dict)
     head: dict[str, str] = field(default_factory=dict)
     end: dict[str, str] = field(default_factory=dict)
-    robot_text: str = ''
+    robot: bytes = b''
     complete: bool = False
 
     def files(self) -> list[Path]:
@@ -128,64 +128,58 @@ class Bag:
                 name = channels.get(record.channel_id)
                 if name is None:
                     raise ValueError(f'a message of unknown channel {record.channel_id}')
-                yield BagMessage(
-                    name, record.log_time, record.publish_time, record.data, record.sequence
-                )
+                times = record.log_time, record.publish_time
+                yield BagMessage(name, *times, record.data, record.sequence)
             elif isinstance(record, Schema):
                 schemas[record.id] = record
             elif isinstance(record, Channel):
                 channels[record.id] = record.topic
                 schema = schemas.get(record.schema_id)
                 text = schema.data if schema and schema.encoding == SCHEMA_ENCODING else b''
-                self._add(
-                    BagTopic(
-                        record.topic,
-                        schema.name if schema else '',
-                        record.message_encoding,
-                        text.decode('utf-8', 'replace'),
-                        record.metadata.get(QOS_KEY, ''),
-                    )
-                )
+                described = schema.name if schema else '', record.message_encoding
+                qos = record.metadata.get(QOS_KEY, '')
+                self._add(BagTopic(record.topic, *described, text.decode('utf-8', 'replace'), qos))
             elif isinstance(record, Metadata) and record.name == HEAD:
                 self.head = self.head or record.metadata
             elif isinstance(record, Metadata) and record.name == END:
                 self.end = record.metadata
             elif isinstance(record, Attachment) and record.name == ROBOT:
-                self.robot_text = record.data.decode('utf-8', 'replace')
+                self.robot = record.data
             elif isinstance(record, Footer):
                 self.complete = True
 
     def _sqlite(self, path: Path) -> Iterator[BagMessage]:
         with _database(path) as database:
-            listed_tables = database.execute(
+            # A view of these names could be a query without end.
+            rows = database.execute(
                 "SELECT name FROM sqlite_master WHERE type = 'table' AND sql LIKE 'CREATE TABLE%'"
             )
-            # A view of these names could be a query without end.
-            tables = {name for (name,) in listed_tables.fetchmany(TOPICS)}
+            tables = {name for (name,) in rows.fetchmany(TOPICS)}
             if not tables >= {'topics', 'messages'}:
                 raise ValueError('it has no tables `topics` and `messages`: not a bag of rosbag2')
-            definitions = {}
+            texts: dict[str, str] = {}
             if 'message_definitions' in tables:
                 rows = database.execute(
                     'SELECT topic_type, encoded_message_definition FROM message_definitions '
                     f"WHERE encoding = '{SCHEMA_ENCODING}'"
                 )
-                definitions = dict(rows.fetchmany(TOPICS))
-            known = {row[1] for row in database.execute('PRAGMA table_info(topics)')}
+                texts = dict(rows.fetchmany(TOPICS))
+            columns = {row[1] for row in database.execute('PRAGMA table_info(topics)')}
             # The first version of rosbag2 has no QoS.
-            qos = 'offered_qos_profiles' if 'offered_qos_profiles' in known else "''"
-            rows = database.execute(
-                f'SELECT id, name, type, serialization_format, {qos} FROM topics'
-            )
+            qos = 'offered_qos_profiles' if 'offered_qos_profiles' in columns else "''"
+            fields = f'id, name, type, serialization_format, {qos}'
             names = {}
-            for number, *texts in rows.fetchmany(TOPICS + 1):
-                if not all(isinstance(text, str) for text in texts):
+            for number, *row in database.execute(
+                f'SELECT {fields} FROM topics LIMIT {TOPICS + 1}'
+            ):
+                if not all(isinstance(text, str) for text in row):
                     raise ValueError(f'topic {cut(str(number))} has a field that is not a text')
-                name, kind, encoding, offered = texts
+                name, kind, encoding, offered = row
                 names[number] = name
-                self._add(BagTopic(name, kind, encoding, str(definitions.get(kind, '')), offered))
-            rows = database.execute('SELECT topic_id, timestamp, data FROM messages')
-            for number, at_ns, data in rows:
+                self._add(BagTopic(name, kind, encoding, str(texts.get(kind, '')), offered))
+            for number, at_ns, data in database.execute(
+                'SELECT topic_id, timestamp, data FROM messages'
+            ):
                 if number not in names or not isinstance(at_ns, int):
                     raise ValueError(f'a message of unknown topic {number} at {at_ns}')
                 if not isinstance(data, bytes):
@@ -195,11 +189,9 @@ class Bag:
 
     def _add(self, topic: BagTopic) -> None:
         before = self.topics.setdefault(topic.name, topic)
-        if (before.type, before.encoding) != (topic.type, topic.encoding):
-            raise ValueError(
-                f'topic {cut(topic.name)!r} has two types, {cut(before.type)!r} and '
-                f'{cut(topic.type)!r}'
-            )
+        if before[1:3] != topic[1:3]:
+            kinds = f'{cut(before.type)!r} and {cut(topic.type)!r}'
+            raise ValueError(f'topic {cut(topic.name)!r} has two types, {kinds}')
         if len(self.topics) > TOPICS:
             raise ValueError(f'more than {TOPICS} topics')
 
@@ -236,18 +228,14 @@ def _listed(folder: Path) -> list[Path]:
         # All scalars are strings; the loader in C would overflow the stack of a nested file.
         table = yaml.load(text, yaml.BaseLoader)
         info = table.get('rosbag2_bagfile_information') if isinstance(table, dict) else None
-        if not isinstance(info, dict):
-            raise ValueError('it has no rosbag2_bagfile_information')
-        if packed := info.get('compression_format', ''):
+        names = info.get('relative_file_paths') if isinstance(info, dict) else None
+        if isinstance(info, dict) and info.get('compression_format'):
+            packed = cut(str(info['compression_format']))
             raise ValueError(
-                f'the bag is compressed by rosbag2 ({cut(str(packed))}): '
-                'unpack it with `ros2 bag convert`'
+                f'the bag is compressed by rosbag2 ({packed}): unpack it with `ros2 bag convert`'
             )
-        names = info.get('relative_file_paths')
         if not isinstance(names, list) or not all(isinstance(x, str) for x in names):
             raise ValueError('relative_file_paths is not a list of names')
-        if len(names) > FILES:
-            raise ValueError(f'{len(names)} files, expected at most {FILES}')
         for name in names:
             # A bag that someone sent may not read other files of this machine.
             if Path(name).name != name or (folder / name).is_symlink():
@@ -257,25 +245,24 @@ def _listed(folder: Path) -> list[Path]:
 
 def _numbered(folder: Path) -> list[Path]:
     """Return the files of a folder without metadata.yaml, of a recorder that was killed."""
-    names = sorted(path for path in folder.iterdir() if path.is_file())
-    files = [path for path in names if path.suffix in _LOGS]
-    packed = [path.name for path in names if path.suffix in _PACKED]
-    if packed and not files:
+    names = sorted(path.name for path in folder.iterdir() if path.is_file())
+    logs = [name for name in names if name.endswith(_LOGS)]
+    packed = [name for name in names if name.endswith(_PACKED)]
+    if packed and not logs:
         raise LogError(
             f'{folder} has no {DESCRIPTION} and only compressed files, {listed(packed)}: unpack '
             'them with `unzstd`, or run `ros2 bag reindex`'
         )
-    parts = [_NUMBERED.fullmatch(path.stem) for path in files]
-    one = len({part[1] for part in parts if part}) == 1 and all(parts)
-    if not files or not (one or len(files) == 1):
-        found = listed([path.name for path in files]) if files else 'no MCAP or .db3 file'
+    parts = [_NUMBERED.fullmatch(name) for name in logs]
+    stems = {part and part[1] for part in parts}
+    if len(logs) != 1 and (len(stems) != 1 or None in stems):
         raise LogError(
-            f'{folder} has no {DESCRIPTION} and is not one log; it has {found}: name a file, or '
-            'run `ros2 bag reindex`'
+            f'{folder} has no {DESCRIPTION} and is not one log; it has '
+            f'{listed(logs) if logs else "no MCAP or .db3 file"}: name a file, or run '
+            '`ros2 bag reindex`'
         )
-    return sorted(
-        files, key=lambda path: int(part[2]) if (part := _NUMBERED.fullmatch(path.stem)) else 0
-    )
+    numbered = sorted((int(part[2]), part[0]) for part in parts if part)
+    return [folder / name for _, name in numbered] or [folder / name for name in logs]
 
 
 def in_order(messages: Iterator[BagMessage], late_ns: int) -> Iterator[BagMessage]:

@@ -92,7 +92,7 @@ class Log:
             self.versions: dict[str, str] = json.loads(self.head[HeadKey.VERSIONS])
             if not robot:
                 raise LogError(f'{path} is a recording without its robot: it ends in its head')
-            self.robot = _robot(robot)
+            self.robot = robot_of(robot)
         self.description = ''
         for message in self.messages():
             if message.role == DESCRIPTION:
@@ -139,9 +139,10 @@ class Log:
                     self._closed = True
 
 
-def _robot(data: bytes) -> pfd.Robot:
+def robot_of(data: bytes) -> pfd.Robot:
+    """Return the robot of the attachment ROBOT; ValueError if it is none."""
     text = data.decode()
-    # A single line would be the name of a file.
-    if '\n' not in text or len(data) > ROBOT_BYTES:
-        raise ValueError(f'{ROBOT} has {len(data)} bytes, expected at most {ROBOT_BYTES}')
+    # A single line would be the name of a file, and `<` begins URDF.
+    if '\n' not in text or text.lstrip().startswith('<') or len(data) > ROBOT_BYTES:
+        raise ValueError(f'{ROBOT} of {len(data)} bytes is no robot of at most {ROBOT_BYTES}')
     return pfd.load_robot(text)

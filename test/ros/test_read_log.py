@@ -73,11 +73,11 @@ def assert_holds(values: Any, wanted: Any) -> None:
 # --- the contents of all kinds of logs
 
 
-@pytest.mark.parametrize('storage', ['MCAP', 'SQLITE3'])
+@pytest.mark.parametrize(('storage', 'every'), [('MCAP', 1), ('SQLITE3', 9)])
 def test_each_message_type_of_jazzy_is_read_as_rosbags_wrote_it(
-    tmp_path: Path, storage: str
+    tmp_path: Path, storage: str, every: int
 ) -> None:
-    kinds = sorted(kind for kind in STORE.types if kind != 'std_msgs/msg/WString')
+    kinds = sorted(kind for kind in STORE.types if kind != 'std_msgs/msg/WString')[::every]
     plugin = rosbag2.StoragePlugin[storage]
     written = write_bag(tmp_path / 'bag', kinds, random.Random(1), plugin)
     log = read_log(tmp_path / 'bag')

@@ -213,7 +213,6 @@ NAMES = {
     'encode_clock': 'pfd_ros.messages.numbers:encode_clock',
     'encode_numbers': 'pfd_ros.messages.numbers:encode_numbers',
     'ArrayEncoder': 'pfd_ros.messages.text_and_arrays:ArrayEncoder',
-    'decode_array': 'pfd_ros.messages.text_and_arrays:decode_array',
     'decode_floats': 'pfd_ros.messages.text_and_arrays:decode_floats',
     'decode_string': 'pfd_ros.messages.text_and_arrays:decode_string',
     'encode_floats': 'pfd_ros.messages.text_and_arrays:encode_floats',

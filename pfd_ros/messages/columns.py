@@ -129,48 +129,14 @@ def _joint_columns(messages: Sequence[bytes]) -> dict[str, NDArray[Any]] | None:
 def _stacked(values: list[Any], kind: str, rank: int) -> NDArray[Any]:
     """Return the values of a field in N messages, (N, ...), shorter ones filled up."""
     number: Any = _NUMPY_TYPES.get(kind, kind)
-    shapes = {_shape(value, rank) for value in values} or {(0,) * rank}
-    shape = (len(values), *(max(lengths) for lengths in zip(*shapes, strict=True)))
-    filled = _filled(values, rank + 1)
-    if filled == math.prod(shape) and number != 'O':
-        return np.array(values, number).reshape(shape)
-    _check_padding(shape, filled)
-    stacked = np.full(shape, '', 'O') if number == 'O' else np.full(shape, np.nan)
-    _fill(stacked, values, rank + 1)
-    return stacked
-
-
-def _shape(value: Any, rank: int) -> tuple[int, ...]:
-    """Return the longest lengths of nested sequences of `rank` levels."""
-    if rank < 2:
-        return (len(value),) if rank else ()
-    inner = [_shape(one, rank - 1) for one in value]
-    longest = (
-        (max(lengths) for lengths in zip(*inner, strict=True)) if inner else (0,) * (rank - 1)
-    )
-    return (len(value), *longest)
-
-
-def _filled(value: Any, rank: int) -> int:
-    return len(value) if rank == 1 else sum(_filled(one, rank - 1) for one in value)
-
-
-def _fill(target: NDArray[Any], value: Any, rank: int) -> None:
-    if rank == 1:
-        target[: len(value)] = value
-    else:
-        for row, one in zip(target, value, strict=False):
-            _fill(row, one, rank - 1)
+    if not rank:
+        return np.array(values, number)
+    rows = [np.array(x, number) if rank == 1 else _stacked(x, kind, rank - 1) for x in values]
+    return _joined([row[None] for row in rows] or [np.empty((0,) * (rank + 1), number)])
 
 
 def joined(blocks: Sequence[Mapping[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
-    """Return the arrays of blocks of messages one after the other, shorter rows filled up.
-
-    Raises
-    ------
-    ValueError
-        If padded rows would take far more than the filled ones.
-    """
+    """Return the arrays of blocks of messages one after the other, as `Decoder.read` does."""
     return {path: _joined([block[path] for block in blocks]) for path in blocks[0]}
 
 
@@ -178,22 +144,17 @@ def _joined(parts: list[NDArray[Any]]) -> NDArray[Any]:
     shapes = {part.shape[1:] for part in parts}
     if len(shapes) == 1:
         return np.concatenate(parts)
-    shape = tuple(max(lengths) for lengths in zip(*shapes, strict=True))
-    whole = (sum(map(len, parts)), *shape)
-    _check_padding(whole, sum(part.size for part in parts))
-    padded = np.full(whole, '', 'O') if parts[0].dtype == 'O' else np.full(whole, np.nan)
-    start = 0
-    for part in parts:
-        place = slice(start, start + len(part)), *map(slice, part.shape[1:])
-        padded[place] = part
-        start += len(part)
-    return padded
-
-
-def _check_padding(shape: tuple[int, ...], filled: int) -> None:
-    padded = math.prod(shape)
+    shape = sum(map(len, parts)), *(max(lengths) for lengths in zip(*shapes, strict=True))
+    padded, filled = math.prod(shape), sum(part.size for part in parts)
     if padded > PADDED + MOST_PADDING * filled:
         raise ValueError(
             f'an array of rows of up to {math.prod(shape[1:])} elements would have {padded} '
             f'elements, {filled} of them filled: read a shorter window'
         )
+    found = np.full(shape, '', 'O') if parts[0].dtype == 'O' else np.full(shape, np.nan)
+    start = 0
+    for part in parts:
+        place = slice(start, start + len(part)), *map(slice, part.shape[1:])
+        found[place] = part
+        start += len(part)
+    return found

@@ -11,15 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pfd_ros.messages.cdr import HEADER, NANOSECONDS, STAMP, TIME, Reader, Writer
-from pfd_ros.messages.types import INERTIA, POSE, TWIST, WRENCH
+from pfd_ros.messages.types import INERTIA, POSE, WRENCH
 
 TRANSFORM = ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw')
-# The numbers of each type, in the order of its message; m, quaternions, N, N m, kg, kg m^2, m/s.
+# The numbers of each type, in the order of its message; m, quaternions, N, N m, kg, kg m^2.
 NUMBERS = {
     POSE: TRANSFORM,
     WRENCH: ('fx', 'fy', 'fz', 'tx', 'ty', 'tz'),
     INERTIA: ('mass', 'x', 'y', 'z', 'xx', 'xy', 'xz', 'yy', 'yz', 'zz'),
-    TWIST: ('vx', 'vy', 'vz', 'wx', 'wy', 'wz'),
 }
 
 

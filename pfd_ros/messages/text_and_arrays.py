@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import lru_cache
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,43 +30,24 @@ def decode_string(data: bytes) -> str:
     return Reader(data).string()
 
 
-class LabelledArray(NamedTuple):
-    """A Float64MultiArray: label and size of each dimension, and the numbers in one row."""
-
-    labels: tuple[str, ...]
-    sizes: tuple[int, ...]
-    values: NDArray[Any]
-
-
-def decode_array(data: bytes) -> LabelledArray:
-    """Return layout and numbers of a Float64MultiArray, not compared with each other.
+def decode_floats(data: bytes) -> NDArray[Any]:
+    """Return the numbers of a Float64MultiArray, (count,), perhaps read-only; no layout.
 
     Raises
     ------
     ValueError
         If the bytes are not such a message.
     """
-    reader = Reader(data)
-    labels, sizes = [], []
-    for _ in range(reader.length(12)):
-        labels.append(reader.string())
-        sizes.append(reader.integer())
-        reader.integer()
-    reader.integer()
-    return LabelledArray(tuple(labels), tuple(sizes), reader.numbers())
-
-
-def decode_floats(data: bytes) -> NDArray[Any]:
-    """Return the numbers of a Float64MultiArray, (count,); its layout is skipped.
-
-    The array may be read-only.
-    """
     # Most publishers leave the layout empty; then everything has its place.
     if data.startswith(_NO_LAYOUT) and len(data) > _FIRST_NUMBER:
         count = int.from_bytes(data[len(_NO_LAYOUT) : len(_NO_LAYOUT) + 4], 'little')
         if len(data) == _FIRST_NUMBER + 8 * count:
             return np.frombuffer(data, '<f8', count, _FIRST_NUMBER)
-    return decode_array(data).values
+    reader = Reader(data)
+    for _ in range(reader.length(12)):
+        reader.string(), reader.integer(), reader.integer()
+    reader.integer()
+    return reader.numbers()
 
 
 def encode_floats(values: ArrayLike) -> bytes:

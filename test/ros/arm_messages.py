@@ -5,12 +5,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from bridge import (
+    FLOAT_ARRAY_TYPE,
     INERTIA_TYPE,
     WRENCH_TYPE,
     ArmMessage,
+    Decoder,
     Engine,
     Joints,
     Settings,
@@ -128,3 +130,18 @@ def payload(
 def tick(stamp_ns: int) -> ArmMessage:
     """Return a tick of the clock that the arm may follow."""
     return ArmMessage('clock_ticks', encode_clock(stamp_ns))
+
+
+class LabelledArray(NamedTuple):
+    """A Float64MultiArray: label and size of each dimension, and the numbers in one row."""
+
+    labels: tuple[str, ...]
+    sizes: tuple[int, ...]
+    values: Any
+
+
+def decode_array(data: bytes) -> LabelledArray:
+    """Return layout and numbers of a Float64MultiArray."""
+    found = Decoder(FLOAT_ARRAY_TYPE).decode(data)
+    labels, sizes = found['layout.dim.label'], found['layout.dim.size']
+    return LabelledArray(tuple(labels), tuple(sizes), found['data'])

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from arm_messages import UNLIMITED, change, efforts, made, verdict, wrench
+from arm_messages import UNLIMITED, change, decode_array, efforts, made, verdict, wrench
 from bridge import (
     ARM_ROLES,
     FLOAT_ARRAY_TYPE,
@@ -18,7 +18,6 @@ from bridge import (
     Engine,
     NoiseChannel,
     Settings,
-    decode_array,
     decode_joints,
     decode_numbers,
     inverse_normal,

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 INCOMPLETE = 3
 ANY_LOG = 'MCAP file, .db3 file or folder of rosbag2'
 NANOSECONDS = 1_000_000_000
+# Of the settings of a recording, on one line.
+LONGEST_LINE = 10_000
 # Options of --what-if, and their values without it.
 WHAT_IF: dict[str, Any] = {
     'commands': '',
@@ -162,7 +164,7 @@ def _info(given: argparse.Namespace, unread: list[str]) -> int:
     if given.json:
         print_json(asdict(found))
     else:
-        print_lines(_info_lines(found))
+        print_lines(_info_lines(found), LONGEST_LINE)
     unread += [f'{name}: {t.unreadable}' for name, t in found.topics.items() if t.unreadable]
     return 0
 

@@ -14,7 +14,7 @@ import signal
 import sys
 from typing import Any, NamedTuple, TextIO
 
-from pfd_ros.text import one_line
+from pfd_ros.text import LINE_LENGTH, one_line
 from pfd_ros.view.ports import PORT
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -36,10 +36,10 @@ class Command(NamedTuple):
     needs_ros: Callable[[argparse.Namespace], bool] = _never
 
 
-def print_lines(lines: Iterable[object]) -> None:
-    """Print each text on one line, shortened."""
+def print_lines(lines: Iterable[object], limit: int = LINE_LENGTH) -> None:
+    """Print each text on one line of so many characters at most, shortened in its middle."""
     for line in lines:
-        print(one_line(line))
+        print(one_line(line, limit))
 
 
 def reads_logs(

@@ -453,6 +453,7 @@ PATCHED = {
     'MESH_MOST_BYTES': 'pfd_ros.view.meshes:MOST_BYTES',
     'MESH_MOST_TRIANGLES': 'pfd_ros.view.meshes:MOST_TRIANGLES',
     'MESHES_MOST_BYTES': 'pfd_ros.view.meshes:MOST_BYTES_TOGETHER',
+    'MESHES_MOST_PARTS': 'pfd_ros.view.meshes:MOST_PARTS_TOGETHER',
     'MESHES_MOST_TRIANGLES': 'pfd_ros.view.meshes:MOST_TRIANGLES_TOGETHER',
     'demo_ChildProcess': 'pfd_ros.demo.run:ChildProcess',
     'DEMO_PAGE_SECONDS': 'pfd_ros.demo.run:PAGE_SECONDS',

@@ -32,9 +32,23 @@ SUFFIXES = ('.stl', '.dae', '.obj')
 # triangles; a browser draws 3 million triangles at a few frames a second.
 MOST_BYTES, MOST_BYTES_TOGETHER = 32 * 2**20, 256 * 2**20
 MOST_TRIANGLES, MOST_TRIANGLES_TOGETHER = 1_000_000, 3_000_000
+# Groups of triangles with a name or a material: the parsers take milliseconds for each, and for
+# many of them its square.
+MOST_PARTS, MOST_PARTS_TOGETHER = 1000, 5000
 # A node of a COLLADA file may contain another one twice, and so on: this many nodes have at most
 # 2^8 copies.
 MOST_INSTANCES = 16
+# What counts as a part: elements of COLLADA, and the beginning of lines of the others.
+ELEMENTS = frozenset(
+    {
+        *('instance_geometry', 'triangles', 'polylist', 'polygons', 'tristrips', 'trifans'),
+        *('lines', 'linestrips', 'instance_controller'),
+    }
+)
+LINES = {
+    'obj': re.compile(rb'^\s*(?:usemtl|o|g)\b', re.M),
+    'stl': re.compile(rb'^\s*solid\b', re.M),
+}
 # Largest coordinate [m].
 FARTHEST = 1e6
 OUTSIDE = (
@@ -69,7 +83,7 @@ class Meshes:
     def __init__(self, folder: Path | None = None, packages: tuple[Path, ...] = ()) -> None:
         self._folder, self._packages = folder and folder.absolute(), packages
         self._read: dict[str, list[Triangles] | str] = {}
-        self._triangles = self._bytes = 0
+        self._triangles = self._bytes = self._parts = 0
 
     def read(self, uri: str) -> list[Triangles]:
         """Return the triangles of package://NAME/PATH or a path, by colour; ValueError if none."""
@@ -80,7 +94,11 @@ class Meshes:
                 if self._bytes > MOST_BYTES_TOGETHER:
                     size = MOST_BYTES_TOGETHER >> 20
                     raise ValueError(f'the meshes have more than {size} MiB together')
-                self._read[uri] = read_mesh(path)
+                data, kind = _read(path), path.suffix.lower()[1:]
+                self._parts += _checked_parts(data, kind)
+                if self._parts > MOST_PARTS_TOGETHER:
+                    raise ValueError(f'the meshes have more than {MOST_PARTS_TOGETHER} parts')
+                self._read[uri] = _mesh(data, kind)
             except (ValueError, OSError) as error:
                 self._read[uri] = str(error)
         found = self._read[uri]
@@ -144,20 +162,16 @@ class Meshes:
                 yield Path(prefix, inner)
 
 
-def read_mesh(path: Path) -> list[Triangles]:
-    """
-    Return the triangles of a file, by colour; lengths of COLLADA in metres.
-
-    The up axis of COLLADA is ignored, as rviz and Gazebo do. ValueError if it is too large or not
-    a mesh, OSError if it cannot be read.
-    """
+def _read(path: Path) -> bytes:
     with path.open('rb') as stream:
         data = stream.read(MOST_BYTES + 1)
     if len(data) > MOST_BYTES:
         raise ValueError(f'it has more than {MOST_BYTES >> 20} MiB')
-    kind = path.suffix.lower()[1:]
-    if kind == 'dae':
-        _check_collada(data)
+    return data
+
+
+def _mesh(data: bytes, kind: str) -> list[Triangles]:
+    """Return the triangles of a file; of COLLADA in metres, its up axis ignored as by rviz."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')
@@ -167,29 +181,37 @@ def read_mesh(path: Path) -> list[Triangles]:
         raise ValueError(f'it cannot be read: {reason}') from error
 
 
-def _check_collada(data: bytes) -> None:
-    """Raise ValueError for entities, and for nodes that could be copied without end.
+def _checked_parts(data: bytes, kind: str) -> int:
+    """Return the number of parts; ValueError if there are many, or entities or endless copies.
 
-    Parsed, since an encoding or a namespace can hide both from a search for their bytes.
+    COLLADA is parsed, since an encoding or a namespace can hide all of them from a search.
     """
-    instances = 0
+    parts = instances = 0
 
     def start(name: str, _: object) -> None:
-        nonlocal instances
-        instances += name.rpartition(' ')[2] == 'instance_node'
+        nonlocal parts, instances
+        element = name.rpartition(' ')[2]
+        parts += element in ELEMENTS
+        instances += element == 'instance_node'
         if instances > MOST_INSTANCES:
             raise ValueError(f'it has more than {MOST_INSTANCES} <instance_node>')
 
     def declare(*_: object) -> None:
         raise ValueError('it has a <!DOCTYPE>')
 
-    parser = expat.ParserCreate(namespace_separator=' ')
-    parser.StartElementHandler, parser.StartDoctypeDeclHandler = start, declare
-    try:
-        parser.Parse(data, True)
-    # Python's codecs raise LookupError for an encoding that they lack.
-    except (expat.ExpatError, LookupError) as error:
-        raise ValueError(f'it cannot be read: {error}') from error
+    if kind in LINES:
+        parts = len(LINES[kind].findall(data))
+    else:
+        parser = expat.ParserCreate(namespace_separator=' ')
+        parser.StartElementHandler, parser.StartDoctypeDeclHandler = start, declare
+        try:
+            parser.Parse(data, True)
+        # Python's codecs raise LookupError for an encoding that they lack.
+        except (expat.ExpatError, LookupError) as error:
+            raise ValueError(f'it cannot be read: {error}') from error
+    if parts > MOST_PARTS:
+        raise ValueError(f'it has {parts} groups of triangles, more than {MOST_PARTS}')
+    return parts
 
 
 def _by_colour(scene: trimesh.Scene, kind: str) -> Iterator[Triangles]:

@@ -271,6 +271,9 @@ def test_collada_has_its_own_unit_and_its_up_axis_is_ignored_as_in_rviz(tmp_path
         ('wide_nodes.dae', 'it has more than 16 <instance_node>'),
         ('named_nodes.dae', 'it has more than 16 <instance_node>'),
         ('far.stl', 'a vertex is not finite, or too far away'),
+        ('parts.dae', 'it has 1001 groups of triangles, more than 1000'),
+        ('parts.obj', 'it has 1001 groups of triangles, more than 1000'),
+        ('parts.stl', 'it has 1001 groups of triangles, more than 1000'),
     ],
 )
 def test_a_mesh_that_cannot_be_used_is_one_line_and_its_link_a_skeleton(
@@ -289,7 +292,7 @@ def test_a_mesh_that_cannot_be_used_is_one_line_and_its_link_a_skeleton(
         'noise.dae': bytes(range(256)),
         'coded.dae': b'<?xml version="1.0" encoding="foo"?><x/>',
         'hex.dae': b'<?xml version="1.0" encoding="hex"?><x/>',
-        'large.stl': bytes(2048),
+        'large.stl': bytes(1 << 15),
         'triangles.stl': box_stl(1.0),
         'far.stl': box_stl(1e30),
         'entities.dae': entities.encode(),
@@ -297,10 +300,13 @@ def test_a_mesh_that_cannot_be_used_is_one_line_and_its_link_a_skeleton(
         'nodes.dae': nodes.encode(),
         'wide_nodes.dae': nodes.encode('utf-16'),
         'named_nodes.dae': named.encode(),
+        'parts.dae': f'<x>{1001 * "<triangles/>"}</x>'.encode(),
+        'parts.obj': 1001 * b'usemtl x\n',
+        'parts.stl': 1001 * b'solid x\n',
     }
     for name, data in files.items():
         (package / name).write_bytes(data)
-    monkeypatch.setattr(*bridge.target('MESH_MOST_BYTES'), 1024)
+    monkeypatch.setattr(*bridge.target('MESH_MOST_BYTES'), 1 << 14)
     if uri == 'triangles.stl':
         monkeypatch.setattr(*bridge.target('MESH_MOST_TRIANGLES'), 3)
     text = urdf(mesh(uri.replace('SECRET', f'{tmp_path}/secret.stl')))
@@ -315,6 +321,18 @@ def test_a_mesh_that_cannot_be_used_is_one_line_and_its_link_a_skeleton(
     assert len(line) < 500
     assert {shape.link for shape in drawing.shapes} == {'arm'}
     assert all(shape.stands_in for shape in drawing.shapes)
+
+
+def test_meshes_have_a_bound_for_their_parts_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(*bridge.target('MESHES_MOST_PARTS'), 4)
+    names = [f'{k}.dae' for k in range(3)]
+    for name in names:  # of two parts each
+        (tmp_path / name).write_text(dae(1.0))
+    drawing = drawn(urdf(*map(mesh, names)), tmp_path)
+    assert drawing.problems[0].startswith('1 of 3 meshes are not read')
+    assert drawing.problems[0].endswith('the meshes have more than 4 parts')
 
 
 def test_missing_meshes_are_counted_and_the_others_drawn(tmp_path: Path) -> None:

@@ -310,7 +310,6 @@ NAMES = {
     'joint_divergence': 'pfd_ros.motion.symptoms:divergence',
     'joint_offset': 'pfd_ros.motion.symptoms:offset',
     'oscillation': 'pfd_ros.motion.symptoms:oscillation',
-    'saturation': 'pfd_ros.motion.symptoms:saturation',
     'symptoms': 'pfd_ros.motion.symptoms:symptoms',
     # pfd_ros.page: a log as an HTML page
     'PAGE_TYPES': 'pfd_ros.page.page:TYPES',

@@ -11,7 +11,6 @@ All take samples of one joint, once a control period. With the error e = q - tar
                    its target, e qd > 0, in a share MOSTLY of the samples
     offset         the mean of e over the last share TAIL, if e changes there by less than a share
                    STEADY of it
-    saturation     the share of the samples at or beyond the torque limit
 
 Growth and divergence are measured before the first sample at the torque limit, if there are
 enough. A turning point is right to half a control period, and so are the times between two of
@@ -19,8 +18,7 @@ them. Efforts are cut to their limits, so commanded efforts and measured ones gi
 
 A joint that follows a moving reference turns as often as the reference. It oscillates if its error
 turns more than twice as often, at a share STEADY of the speed of the reference. If no target is
-known, turns below REFERENCE_RATE whose amplitude is steady or irregular may be those of a
-reference, and are no oscillation.
+known, turns below REFERENCE_RATE may be those of a reference, and are no oscillation.
 """
 
 from __future__ import annotations
@@ -45,26 +43,18 @@ MOSTLY = 0.9
 # Share of the samples at the end of a motion, and most change of a steady error there.
 TAIL = 0.1
 STEADY = 0.1
-# An amplitude is steady if its logarithm changes by less than this, and irregular if the logarithm
-# is farther than this share of its change from a line.
+# An amplitude is steady if its logarithm changes by less than this.
 LEVEL = 1.0
-IRREGULAR = 0.1
 # Arms are seldom asked to turn more often than this [Hz].
 REFERENCE_RATE = 5.0
 
 
 class Oscillation(NamedTuple):
-    """Frequency [Hz], amplitude at the end in the unit of the signal, and its growth [1/s].
-
-    `change` is that of the logarithm of the amplitude by its growth, `scatter` its standard
-    deviation about it.
-    """
+    """Frequency [Hz], amplitude at the end in the unit of the signal, and its growth [1/s]."""
 
     frequency: float
     amplitude: float
     growth: float
-    change: float
-    scatter: float
 
 
 def turns(values: Array) -> list[int]:
@@ -99,12 +89,8 @@ def oscillation(time: Array, values: Array) -> Oscillation | None:
     halves = np.abs(np.diff(heights)) / 2
     frequency = (len(found) - 1) / (2 * (at[-1] - at[0]))
     middle = (at[:-1] + at[1:]) / 2
-    line = np.polyfit(middle - middle[0], np.log(halves), 1)
-    scatter = float(np.std(np.log(halves) - np.polyval(line, middle - middle[0])))
-    growth, amplitude = float(line[0]), float(halves[-2:].mean())
-    return Oscillation(
-        float(frequency), amplitude, growth, growth * float(middle[-1] - middle[0]), scatter
-    )
+    growth = float(np.polyfit(middle - middle[0], np.log(halves), 1)[0])
+    return Oscillation(float(frequency), float(halves[-2:].mean()), growth)
 
 
 def divergence(time: Array, error: Array, qd: Array) -> float | None:
@@ -121,11 +107,6 @@ def offset(error: Array) -> float | None:
     tail = error[-max(2, math.ceil(TAIL * len(error))) :]
     mean = float(tail.mean())
     return mean if np.ptp(tail) < STEADY * abs(mean) else None
-
-
-def saturation(tau: Array, limit: float) -> float:
-    """Return the share of the samples at or beyond the torque limit."""
-    return float(np.mean(np.abs(tau) >= limit))
 
 
 def symptoms(
@@ -166,8 +147,12 @@ def symptoms(
     speed: Array = np.gradient(reference, time) if moves else np.zeros(len(qd))
     error = None if target is None else q - reference
     waves, early = oscillation(time, qd - speed), oscillation(time[free], (qd - speed)[free])
-    if waves is not None and (target is None or moves) and _of_reference(waves, time, speed):
+    if waves is not None and target is None and waves.frequency < REFERENCE_RATE:
         waves = None
+    elif waves is not None and moves:
+        turned = len(turns(speed)) / (2 * float(time[-1] - time[0]))
+        if waves.frequency <= 2 * turned or waves.amplitude <= STEADY * np.abs(speed).max():
+            waves = None
     rests = None if moves or error is None else offset(error)
     leaves = None if moves or error is None else divergence(time[free], error[free], qd[free])
     phrases = []
@@ -188,7 +173,7 @@ def symptoms(
     elif error is not None:
         way = 'away from' if error[-1] * qd[-1] > 0.0 else 'to'
         phrases.append(f'still moves {way} its target at {abs(qd[-1]):.3g} /s')
-    share = saturation(tau, upper)
+    share = float(np.mean(np.abs(tau) >= upper))
     if share:
         phrases.append(f'at the torque limit {upper:.4g} for {100 * share:.3g} % of the time')
     hits = [
@@ -201,16 +186,6 @@ def symptoms(
     if hits:
         phrases.append(f'first {min(hits)[1]}')
     return '; '.join(phrases) or 'no oscillation, no limit reached'
-
-
-def _of_reference(waves: Oscillation, time: Array, speed: Array) -> bool:
-    """Return whether turns may be those of a reference; its speed (N,) is zero if not known."""
-    if speed.any():
-        turned = len(turns(speed)) / (2 * float(time[-1] - time[0]))
-        small = waves.amplitude <= STEADY * float(np.abs(speed).max())
-        return small or waves.frequency <= 2 * turned
-    regular = abs(waves.change) > LEVEL and waves.scatter < IRREGULAR * abs(waves.change)
-    return waves.frequency < REFERENCE_RATE and not regular
 
 
 def _wave_text(waves: Oscillation, rate: float, growth: float, seconds: float) -> str:

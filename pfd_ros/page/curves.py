@@ -6,9 +6,8 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 import zlib
 
 import numpy as np
@@ -16,7 +15,6 @@ import numpy as np
 import pfd_core as pfd
 from pfd_ros.arm.events import (
     ARRAY,
-    DIAGNOSTICS,
     ENERGY,
     NAMED,
     PAYLOAD_IN_USE,
@@ -27,7 +25,7 @@ from pfd_ros.arm.plant_settings import payload_from
 from pfd_ros.arm.settings import SIMULATED, Settings
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
-from pfd_ros.page.recorded import Array, Joints, Recorded
+from pfd_ros.page.recorded import Array, Recorded
 from pfd_ros.recording.format import HeadKey
 from pfd_ros.text import cut, one_line
 
@@ -37,12 +35,6 @@ MOST_COLUMNS, MOST_POINTS = 64, 20_000
 HELD = 0.1
 # Larger numbers are drawn there: float32 ends.
 LARGEST = 3e38
-# Numbers of the node's diagnostics: title, task and keys.
-DIAGNOSTIC_PLOTS = (
-    ('time of a step [us]', 'stepping', ('step_p50_us', 'step_p99_us', 'step_max_us')),
-    ('real-time factor', 'stepping', ('real_time_factor',)),
-    ('share of the recording queue', 'recording', ('waiting_share',)),
-)
 ENERGIES = ('kinetic', 'potential', 'total')
 
 
@@ -61,8 +53,7 @@ class Reference:
         return np.interp(time, self.time, column, left=np.nan, right=np.nan)
 
 
-@dataclass(frozen=True, eq=False)
-class Plot:
+class Plot(NamedTuple):
     """Curves over one axis of time.
 
     Attributes
@@ -80,8 +71,7 @@ class Plot:
     stepped
         Whether a value acts until the next one.
     references
-        What the last columns of `values` are, after those of `labels`: a label, and 'reference',
-        or 'low' and 'high' for the ends of its tolerance.
+        What further columns of `values` are: a label, and 'reference', 'low' or 'high'.
     """
 
     title: str
@@ -91,9 +81,9 @@ class Plot:
     values: Array
     joints: bool = True
     bounds: Array | None = None
-    breaks: Array = field(default_factory=lambda: np.empty(0, int))
+    breaks: Array = np.empty(0, int)
     stepped: bool = False
-    references: tuple[tuple[str, str], ...] = ()
+    references: Sequence[tuple[str, str]] = ()
 
 
 def commanded_positions(run: Recorded) -> Iterator[Reference]:
@@ -117,38 +107,27 @@ def plots_of(run: Recorded, references: Sequence[Reference] = ()) -> Iterator[Pl
     """Yield the plots of a log in the order of a page."""
     for item in JOINT_FIELDS:
         for joints in run.joints:
-            values = joints.values[item]
+            title = f'{item} [{run.unit(item, joints.names)}]'
+            bounds, values = joints.bounds.get(item), joints.values[item]
             if np.isfinite(values).any():
-                bounds, title = joints.bounds.get(item), f'{item} [{joints.units[item]}]'
-                more = list(_wanted(joints, references)) if item == 'position' else []
-                if more:
-                    values = np.column_stack([values, *(column for _, _, column in more)])
-                kinds = tuple((name, kind) for name, kind, _ in more)
-                yield Plot(
-                    title,
-                    run.topic,
-                    joints.names,
-                    joints.time,
-                    values,
-                    bounds=bounds,
-                    breaks=joints.gaps,
-                    references=kinds,
-                )
-    others = [*_energy(run), *_periods(run), *_of_topics(run), *_of_diagnostics(run)]
-    others = [plot for plot in others if len(plot.time)]
+                plot = Plot(title, run.topic, joints.names, joints.time, values, True, bounds)
+                plot = plot._replace(breaks=joints.gaps)
+                yield _with_references(plot, references) if item == 'position' else plot
+    others = [plot for plot in (*_energy(run), *_periods(run), *_of_topics(run)) if len(plot.time)]
     yield from sorted(others, key=lambda plot: not plot.title.startswith('commanded'))
 
 
-def _wanted(joints: Joints, references: Sequence[Reference]) -> Iterator[tuple[str, str, Array]]:
-    """Yield the references of joints and the ends of their tolerances, at their times."""
+def _with_references(plot: Plot, references: Sequence[Reference]) -> Plot:
+    """Return a plot of positions with the references of its joints and their tolerances."""
+    columns, kinds = [plot.values], list[tuple[str, str]]()
     for reference in references:
-        for name in reference.names:
-            if name in joints.names:
-                column = reference.at(name, joints.time)
-                yield name, 'reference', column
-                if reference.within is not None:
-                    yield name, 'low', column - reference.within
-                    yield name, 'high', column + reference.within
+        for name in (name for name in reference.names if name in plot.labels):
+            column, within = reference.at(name, plot.time), reference.within
+            ends = () if within is None else (('low', -within), ('high', within))
+            for kind, far in (('reference', 0.0), *ends):
+                kinds.append((name, kind))
+                columns.append((column + far)[:, np.newaxis])
+    return plot._replace(values=np.concatenate(columns, axis=1), references=tuple(kinds))
 
 
 def _of_topics(run: Recorded) -> Iterator[Plot]:
@@ -186,7 +165,7 @@ def _energy(run: Recorded) -> Iterator[Plot]:
     robot = run.robot
     if robot is None or not run.joints or run.of_role(ENERGY) is not None:
         return
-    joints = run.joints[0]
+    joints, scene = run.joints[0], pfd.Scene()
     if not set(robot.joint_names) <= set(joints.names):
         return
     order = [joints.names.index(name) for name in robot.joint_names]
@@ -194,21 +173,19 @@ def _energy(run: Recorded) -> Iterator[Plot]:
     good = np.isfinite(q).all(axis=1) & np.isfinite(qd).all(axis=1)
     values = np.full((len(q), 3), np.nan)
     try:
-        scene = pfd.Scene()
         if run.settings:
             settings = Settings.from_json(run.log.head[HeadKey.SETTINGS])
             scene = scene_of(settings, np.argsort(order))
-        loads = _payloads(run)
+        begins, payloads = _payloads(run)
+        if len(begins):
+            scene = replace(scene, payload=INPUT)
         alone = replace(scene, brakes=False, external_wrench=False, gravity_compensation=False)
-        kernel = pfd.compile_kernel(
-            robot, scene=replace(alone, payload=INPUT) if loads else alone, quantity='energy'
-        )
-        begins = [-np.inf, *(time for time, _ in loads), np.inf]
-        for k, payload in enumerate([None, *(payload for _, payload in loads)]):
-            rows = good & (joints.time >= begins[k]) & (joints.time < begins[k + 1])
-            if rows.any():
-                given: dict[str, Any] = {'payload': payload} if loads else {}
-                values[rows, :2] = kernel(q[rows], qd[rows], **given)
+        kernel = pfd.compile_kernel(robot, scene=alone, quantity='energy')
+        places = np.searchsorted(begins, joints.time, side='right')
+        for k in np.unique(places[good]):
+            given: dict[str, Any] = {'payload': payloads[k]} if len(begins) else {}
+            rows = good & (places == k)
+            values[rows, :2] = kernel(q[rows], qd[rows], **given)
     except (ValueError, RuntimeError) as error:
         run.notes[one_line(f'no energy: {error}')] = None
         return
@@ -217,44 +194,25 @@ def _energy(run: Recorded) -> Iterator[Plot]:
     yield Plot('energy [J]', source, ENERGIES, joints.time, values, False, breaks=joints.gaps)
 
 
+def _payloads(run: Recorded) -> tuple[Array, list[pfd.Payload | None]]:
+    """Return when the payload of the arm changes [s], (k,), and the payloads (k + 1)."""
+    found = run.of_role(PAYLOAD_IN_USE)
+    if found is None:
+        return np.empty(0), [None]
+    paths = ('m', 'com.x', 'com.y', 'com.z', 'ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
+    rows = np.stack([found.arrays[f'inertia.{path}'] for path in paths], axis=1)
+    payloads = [payload_from(row) if row[0] > 0.0 else None for row in rows.tolist()]
+    return run.times(found), [None, *payloads]
+
+
 def _periods(run: Recorded) -> Iterator[Plot]:
     """Yield the wall-clock time between states, where log times are those of the wall clock."""
-    states = run.read(run.topic)
+    states = dict(run.of_type(JOINT_STATE)).get(run.topic)
     if states is None or len(run.joints) != 1 or run.settings.get('recording_time') == SIMULATED:
         return
     (joints,) = run.joints
     wall = 1e-6 * np.diff(states.log_ns[states.rows(joints.names[0])])[:, np.newaxis]
     yield Plot('period [ms]', 'log times of states', ('period',), joints.time[1:], wall, False)
-
-
-def _of_diagnostics(run: Recorded) -> Iterator[Plot]:
-    """Yield numbers of the diagnostics of the node."""
-    found = run.of_role(DIAGNOSTICS)
-    if found is None or found.arrays['status.values.key'].ndim != 3:
-        return
-    names, keys, texts = (
-        found.arrays[f'status.{x}'] for x in ('name', 'values.key', 'values.value')
-    )
-    for title, task, wanted in DIAGNOSTIC_PLOTS:
-        values = np.full((len(found), len(wanted)), np.nan)
-        for k, j in np.argwhere(np.char.endswith(names.astype(str), f': {task}')):
-            row = dict(zip(keys[k, j].tolist(), texts[k, j].tolist(), strict=True))
-            for column, key in enumerate(wanted):
-                with suppress(ValueError, KeyError):
-                    values[k, column] = float(row[key])
-        if np.isfinite(values).any():
-            yield Plot(title, run.topics[DIAGNOSTICS], wanted, run.times(found), values, False)
-
-
-def _payloads(run: Recorded) -> list[tuple[float, pfd.Payload | None]]:
-    """Return the times from which the arm carries a payload, or none, and the payloads."""
-    found = run.of_role(PAYLOAD_IN_USE)
-    if found is None:
-        return []
-    paths = ('m', 'com.x', 'com.y', 'com.z', 'ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
-    rows = np.stack([found.arrays[f'inertia.{path}'] for path in paths], axis=1)
-    payloads = [payload_from(row) if row[0] > 0.0 else None for row in rows.tolist()]
-    return list(zip(run.times(found).tolist(), payloads, strict=True))
 
 
 def _packed(array: Array, kind: str) -> str:

@@ -24,10 +24,8 @@ from pfd_ros.arm.events import (
     NAMED,
     PARAMETERS,
     REJECTED,
-    REJECTED_COUNTS,
     REQUESTS,
     SET_STATE,
-    STATES,
     TRANSITION,
 )
 from pfd_ros.messages.types import DIAGNOSTICS
@@ -37,7 +35,7 @@ from pfd_ros.text import one_line
 BAD, WARNING, NOTE = 'bad', 'warning', 'note'
 # A shorter time without commands at the end of a log is no end of the controller [s].
 SILENCE = 0.1
-# What happened so long after the last state is beyond the window of the log [s].
+# What ends so long after the last state is behind the window of a log [s].
 LATE = 1.0
 TEXT_LENGTH = 200
 NOT_OURS = 'not a recording of pfd'
@@ -72,20 +70,16 @@ def _spans(time: Array, holds: Array) -> Array:
 def _limits(run: Recorded) -> Iterator[Finding]:
     for joints in run.joints:
         for item, (low, high) in joints.bounds.items():
-            values = joints.values[item]
+            values, unit = joints.values[item], run.unit(item, joints.names)
             out = np.isfinite(values) & ~((values > low) & (values < high))
             for j in np.flatnonzero(out.any(axis=0)):
                 k = int(np.argmax(out[:, j]))
                 bound = low[j] if values[k, j] <= low[j] else high[j]
-                yield Finding(
-                    f'{item} limit',
-                    # Motors saturate in good runs, too.
-                    WARNING if item == 'effort' else BAD,
-                    joints.names[j],
-                    f'{item} {values[k, j]:.4g} {joints.units[item]}, at or beyond its limit '
-                    f'{bound:.4g}',
-                    _spans(joints.time, out[:, j]),
-                )
+                text = f'{item} {values[k, j]:.4g} {unit}, at or beyond its limit {bound:.4g}'
+                # Motors saturate in good runs, too.
+                severity = WARNING if item == 'effort' else BAD
+                spans = _spans(joints.time, out[:, j])
+                yield Finding(f'{item} limit', severity, joints.names[j], text, spans)
 
 
 def _without_limits(run: Recorded) -> str:
@@ -120,18 +114,16 @@ def _gaps(run: Recorded) -> Iterator[Finding]:
 
 
 def _rejected(run: Recorded) -> Iterator[Finding]:
-    """Rejected inputs by role and label, those of a reflex as the reflex."""
-    found, counts = run.of_role(REJECTED), run.of_role(REJECTED_COUNTS)
+    """Yield rejected inputs by role and label; those that a reflex refused are the reflex."""
+    found = run.of_role(REJECTED)
     groups: dict[str, list[tuple[float, str]]] = {}
-    for messages, more in ((found, False), (counts, True)):
-        if messages is not None:
-            for time, text in zip(run.times(messages), messages.data, strict=True):
-                kind, _, detail = str(text).partition('\n')
-                groups.setdefault(f'{kind} more' if more else kind, []).append((time, detail))
+    for time, text in [] if found is None else zip(run.times(found), found.data, strict=True):
+        kind, _, detail = str(text).partition('\n')
+        groups.setdefault(kind, []).append((time, detail))
     for kind, rows in groups.items():
         spans, (role, _, label) = _at(np.array([time for time, _ in rows])), kind.partition(' ')
-        by_reflex = run.settings.get('reflex_effort_rate') and rows[0][1] != INACTIVE.detail
-        if label == 'refused' and role in COMMANDS and by_reflex:
+        reflex = run.settings.get('reflex_effort_rate') and rows[0][1] != INACTIVE.detail
+        if label == 'refused' and role in COMMANDS and reflex:
             text = f'all joints braked: {rows[0][1]}; commands are refused until ~/reset'
             yield Finding('reflex', BAD, '', one_line(text, TEXT_LENGTH), spans)
         else:
@@ -183,13 +175,12 @@ def _totals(run: Recorded) -> dict[str, Any]:
 
 
 def _failure(run: Recorded) -> Iterator[Finding]:
-    """The end record: why the simulation stopped, and a reflex that refused no command."""
-    totals, end = _totals(run), _at(np.array([run.span[1]]))
-    states = run.of_role(STATES)
-    if states is not None and states.cycle is not None:
-        left = float(totals.get('cycles', 0)) - states.cycle[-1]
-        if left * float(run.settings.get('step_size') or 0.0) > LATE:
-            return
+    """Yield from the end record why the simulation stopped, and a reflex that refused nothing."""
+    totals = _totals(run)
+    start, step = (float(run.settings.get(x) or 0.0) for x in ('start_time', 'step_size'))
+    end = _at(np.array([start + step * float(totals.get('steps', 0))]))
+    if end[0, 0] > run.span[1] + LATE:
+        return
     if totals.get('failure'):
         text = f'the simulation stopped: {totals["failure"]}'
         yield Finding('failure', BAD, '', one_line(text, TEXT_LENGTH), end)

@@ -237,7 +237,7 @@ NAMES = {
     'noise_uniform': 'pfd_ros.arm.noise:uniform',
     'position_and_quaternion': 'pfd_ros.arm.outputs:position_and_quaternion',
     'MOST_STEPS_AHEAD': 'pfd_ros.arm.other_inputs:MOST_STEPS_AHEAD',
-    'effect_fields': 'pfd_ros.arm.plant_settings:effect_fields',
+    'ARM_EFFECT_FIELDS': 'pfd_ros.arm.plant_settings:EFFECT_FIELDS',
     'joint_settings': 'pfd_ros.arm.plant_settings:joint_settings',
     'encode_request': 'pfd_ros.arm.other_inputs:encode_request',
     'Ros2Control': 'pfd_ros.arm.description:Ros2Control',

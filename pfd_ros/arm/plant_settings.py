@@ -16,8 +16,6 @@ import pfd_core as pfd
 from pfd_ros.arm.setting_fields import setting
 from pfd_ros.text import listed
 
-# Far beyond any arm's, in kg, m and kg m^2.
-LARGEST_MASS, LARGEST_CENTER, LARGEST_INERTIA = 1e5, 1e3, 1e6
 # A flat body reaches the bound of the triangle rule; this is far above its rounding.
 TRIANGLE_TOLERANCE = 1e-9
 # Words for the numbers of a robot, as of Scene.
@@ -25,6 +23,8 @@ MODEL, ESTIMATED = 'model', 'estimated'
 # Kind of a field with one number, or one row of numbers, a joint.
 PER_JOINT = 'per joint'
 T = TypeVar('T')
+# The fields of the effects of the joints, `pfd_core.model.effects.Field`.
+EFFECT_FIELDS = tuple(x for effect in pfd.EFFECTS if effect.of_joints for x in effect.fields)
 # Setting -> the setting whose numbers it has where it has none of its own.
 DEFAULTS = {'static_friction': 'joint_friction'}
 # Fields that other values need other native code for.
@@ -44,13 +44,6 @@ def payload_from(numbers: Sequence[float]) -> pfd.Payload:
     return pfd.Payload(mass, (x, y, z), ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
 
 
-def effect_fields() -> Iterator[Any]:
-    """Yield the fields of the effects of the joints, `pfd_core.model.effects.Field`."""
-    for effect in pfd.EFFECTS:
-        if effect.of_joints:
-            yield from effect.fields
-
-
 def joint_settings(field: Any) -> dict[str, str]:
     """Return the settings with a number for each joint of a field: name -> name of parameters.
 
@@ -66,7 +59,7 @@ def joint_settings(field: Any) -> dict[str, str]:
 
 def _effect_settings() -> Iterator[tuple[str, str, Any]]:
     """Yield name, annotation and field of each setting of the effects of the joints."""
-    for field in effect_fields():
+    for field in EFFECT_FIELDS:
         if field.kind != PER_JOINT:
             yield field.name, 'float', setting(field.off, field.text, 0.0, field.most)
             continue
@@ -78,23 +71,20 @@ def _effect_settings() -> Iterator[tuple[str, str, Any]]:
                 values = (False, True, ESTIMATED)
             kind = 'bool | str' if values else 'bool'
             yield field.name, kind, setting(False, text, values=values)
-        least = max(field.least, -field.most)
+        span = max(field.least, -field.most), field.most
+        default = _of_model(field) if field.model else None
         for k, (name, parameter) in enumerate(joint_settings(field).items()):
             column = parameter.removeprefix(f'{field.name}.')
             text = field.text if column == parameter else f'{field.text}: {column}'
-            yield (
-                name,
-                'tuple[float, ...]',
-                setting(
-                    (),
-                    f'{text}, {field.units(k)}',
-                    least,
-                    field.most,
-                    name=parameter,
-                    per_joint=True,
-                    joint_default=_of_model(field) if field.model else DEFAULTS.get(name),
-                ),
+            numbers = setting(
+                (),
+                f'{text}, {field.units(k)}',
+                *span,
+                name=parameter,
+                per_joint=True,
+                joint_default=default or DEFAULTS.get(name),
             )
+            yield name, 'tuple[float, ...]', numbers
 
 
 def _of_model(field: Any) -> Callable[[Any, pfd.Robot], NDArray[Any]]:
@@ -120,27 +110,18 @@ def _with_effects(cls: type[T]) -> type[T]:
 
 
 def check_joints_without_values(settings: Any, robot: pfd.Robot, joints: Sequence[str]) -> None:
-    """Check effects that have numbers for some joints and none for others.
+    """Warn of effects of the model that have numbers for some joints and none for others.
 
-    ValueError for an effect that needs a number for each joint, a warning for one of the model.
     `joints` are in published order. Where no number is given, the scene warns.
     """
-    for field in effect_fields():
+    for field in EFFECT_FIELDS:
+        if not field.from_model or getattr(settings, field.name) is not True:
+            continue
         for name, parameter in joint_settings(field).items():
             numbers = getattr(settings, name)
-            if not numbers:
-                continue
-            given = {joint for joint, number in zip(joints, numbers, strict=True) if number}
-            if field.above and len(given) < robot.n:
-                silent = [joint for joint in joints if joint not in given]
-                raise ValueError(
-                    f'{parameter} must be above 0 for each joint, but is 0 for {listed(silent)}: '
-                    f'give {parameter}.{silent[0]} and so on'
-                )
-            if not field.from_model or getattr(settings, field.name) is not True:
-                continue
+            given = {joint for joint, number in zip(joints, numbers, strict=False) if number}
             silent = [joint for joint in field.unstated(robot) if joint not in given]
-            if silent:
+            if numbers and silent:
                 warnings.warn(
                     f'{field.name} is true, but the model of {robot.name!r} states none for '
                     f'{listed(silent)}, which have none: give {parameter}.{silent[0]} and so on',
@@ -150,17 +131,9 @@ def check_joints_without_values(settings: Any, robot: pfd.Robot, joints: Sequenc
 
 
 def given_effects(settings: Any, order: Sequence[int]) -> dict[str, Any]:
-    """Return the fields of Scene that settings give, in model order.
-
-    Parameters
-    ----------
-    settings
-        Of the arm.
-    order
-        Index in the model of each joint, in published order.
-    """
+    """Return the fields of Scene that settings give, in model order; `order` as of joint_order."""
     effects: dict[str, Any] = {}
-    for field in effect_fields():
+    for field in EFFECT_FIELDS:
         if field.kind != PER_JOINT or field.model:
             value = getattr(settings, field.name)
             effects[field.name] = (value or None) if value is not True else MODEL
@@ -174,54 +147,31 @@ def given_effects(settings: Any, order: Sequence[int]) -> dict[str, Any]:
     return {name: value for name, value in effects.items() if value is not None}
 
 
+def _payload(default: Any, name: str, description: str, most: float) -> Any:
+    least = 0.0 if name == 'mass' else -most
+    return setting(default, description, least, most, name=f'payload.{name}', dynamic=True)
+
+
 @dataclass(frozen=True)
 @_with_effects
 class PlantSettings:
     """The settings of the plant; settings of the joints come from the table of effects."""
 
-    gravity: tuple[float, ...] = setting(
-        (0.0, 0.0, -9.81), 'Gravity in the base frame, m/s^2; zeros switch it off'
-    )
+    gravity: tuple[float, ...] = setting((0.0, 0.0, -9.81), 'Gravity in the base frame, m/s^2')
     scene: str = setting('', "Scene file (YAML) in the place of all effects above; '' takes those")
     gravity_compensation: bool = setting(
-        False,
-        'Add the gravity torques of the robot without payload to the commanded efforts',
-        dynamic=True,
+        False, 'Add the gravity torques of the robot without payload', dynamic=True
     )
-    payload_mass: float = setting(
-        0.0,
-        "Mass of a payload, kg; 0 takes the scene file's, if any",
-        0.0,
-        LARGEST_MASS,
-        name='payload.mass',
-        dynamic=True,
+    payload_mass: float = _payload(0.0, 'mass', 'Mass, kg; 0: none, or of the scene', 1e5)
+    payload_center: tuple[float, ...] = _payload(
+        (0.0, 0.0, 0.0), 'center', 'Centre of mass (x, y, z) in the tip link, m', 1e3
     )
-    payload_center: tuple[float, ...] = setting(
-        (0.0, 0.0, 0.0),
-        'Centre of mass of the payload (x, y, z) in the frame of the tip link, m',
-        -LARGEST_CENTER,
-        LARGEST_CENTER,
-        name='payload.center',
-        dynamic=True,
+    payload_inertia: tuple[float, ...] = _payload(
+        (0.0,) * 6, 'inertia', 'Inertia (xx, xy, xz, yy, yz, zz) about its centre, kg m^2', 1e6
     )
-    payload_inertia: tuple[float, ...] = setting(
-        (0.0,) * 6,
-        'Inertia of the payload (xx, xy, xz, yy, yz, zz) about its centre of mass, in the axes of '
-        'the tip link, kg m^2',
-        -LARGEST_INERTIA,
-        LARGEST_INERTIA,
-        name='payload.inertia',
-        dynamic=True,
-    )
-    external_wrench: bool = setting(
-        False, 'Take forces and moments on the last link from ~/external_wrench'
-    )
+    external_wrench: bool = setting(False, 'Take forces on the last link from ~/external_wrench')
     external_wrench_timeout: float = setting(
-        0.0,
-        'Simulated time for which an external wrench acts, s; 0 is until it is replaced',
-        0.0,
-        1e6,
-        dynamic=True,
+        0.0, 'Time for which a wrench acts, s; 0: until it is replaced', 0.0, 1e6, dynamic=True
     )
 
     @property
@@ -240,11 +190,6 @@ class PlantSettings:
 
     def check_plant(self) -> None:
         """Raise ValueError if the settings of the plant do not go together."""
-        for name, count in (('gravity', 3), ('payload_center', 3), ('payload_inertia', 6)):
-            given = getattr(self, name)
-            if len(given) != count:
-                label = name.replace('_', '.')
-                raise ValueError(f'{label} needs {count} numbers, got {len(given)}')
         default = PlantSettings()
         effects = ['gravity', *(name for name, *_ in _effect_settings())]
         given = [name for name in effects if getattr(self, name) != getattr(default, name)]

@@ -87,15 +87,11 @@ def rows_of(table: type) -> tuple[Row, ...]:
 
 
 def check_values(settings: Any) -> None:
-    """Check each setting by itself.
-
-    Raises
-    ------
-    ValueError
-        If a value is not finite, out of its range, or none of those it may have.
-    """
+    """Raise ValueError if a value is not finite, out of its range, or none that it may have."""
     for row in rows_of(settings.__class__):
         value = getattr(settings, row.field)
+        if row.default and isinstance(value, tuple) and len(value) != len(row.default):
+            raise ValueError(f'{row.name} needs {len(row.default)} numbers, got {len(value)}')
         for entry in value if isinstance(value, tuple) else (value,):
             if isinstance(entry, float) and not math.isfinite(entry):
                 raise ValueError(f'{row.name} holds {entry!r}, expected finite numbers')
@@ -120,13 +116,7 @@ _ACCEPTED: dict[str, tuple[Any, str]] = {
 
 
 def typed(name: str, value: Any, annotation: str) -> Any:
-    """Return a value as a setting of this name and annotation has it.
-
-    Raises
-    ------
-    ValueError
-        If it has another type, or is too long.
-    """
+    """Return a value as a setting of this annotation has it; ValueError for another type."""
     kind, _, rest = annotation.partition('[')
     types, expected = _ACCEPTED[kind]
     if not isinstance(value, types) or (isinstance(value, bool) and bool not in types):

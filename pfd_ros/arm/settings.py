@@ -387,13 +387,7 @@ _DYNAMIC = {row.field: row.type for row in FIELDS if row.dynamic}
 
 
 def typed_changes(values: Any) -> dict[str, Any]:
-    """Return new values of dynamic settings by field, each of the field's type.
-
-    Raises
-    ------
-    ValueError
-        If this is no such table.
-    """
+    """Return new values of dynamic settings by field, each of its type; ValueError for others."""
     if not isinstance(values, dict) or not values:
         raise ValueError('expected a table of values by setting')
     strange = [name for name in values if name not in _DYNAMIC]
@@ -408,25 +402,13 @@ def timeout_steps(seconds: float, step_size: float) -> float:
 
 
 def check_servo(settings: CommandSettings) -> None:
-    """Check that there is a servo for what needs one, once the joints are known.
-
-    Raises
-    ------
-    ValueError
-        If there is none.
-    """
+    """Raise ValueError if there is no servo for what needs one; once the joints are known."""
     if settings.on_timeout == 'hold' and not (settings.servo_p and min(settings.servo_p) > 0.0):
         raise ValueError("on_timeout is 'hold', expected servo_p above 0 for every joint")
 
 
 def check_joint_counts(settings: Settings, count: int) -> None:
-    """Check that each setting with a number for each joint has `count` of them, or none.
-
-    Raises
-    ------
-    ValueError
-        If one has another number of them.
-    """
+    """Raise ValueError unless settings have a number for each of `count` joints, or none."""
     for row in PER_JOINT:
         given = len(getattr(settings, row.field))
         if given not in (0, count):
@@ -518,8 +500,7 @@ def with_joint_numbers(
     for row in PER_JOINT:
         if row.field not in numbers:
             continue
-        before = joint_values(row, settings, robot, order)
-        values = list(before)
+        values = list(joint_values(row, settings, robot, order))
         for joint, number in numbers[row.field].items():
             if joint not in names:
                 raise ValueError(
@@ -527,11 +508,5 @@ def with_joint_numbers(
                 )
             values[names.index(joint)] = number
         changed: dict[str, Any] = {row.field: tuple(values)}
-        # Numbers that are the default of another setting, after it, change there as well.
-        for other in PER_JOINT:
-            own = getattr(settings, other.field)
-            if own and other.joint_default == row.field:
-                pairs = zip(own, before, values, strict=True)
-                changed[other.field] = tuple(new if was == old else was for was, old, new in pairs)
         settings = dataclasses.replace(settings, **changed)
     return settings

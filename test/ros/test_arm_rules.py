@@ -31,6 +31,7 @@ from arm_messages import (
     wrench,
 )
 from bridge import (
+    ARM_EFFECT_FIELDS,
     ARM_INPUTS,
     INERTIA_TYPE,
     LARGEST_INPUT,
@@ -43,7 +44,6 @@ from bridge import (
     Settings,
     decode_numbers,
     decode_string,
-    effect_fields,
     encode_string,
     joint_settings,
     load_arm_robot,
@@ -1388,7 +1388,7 @@ def test_every_effect_of_the_settings_is_in_the_scene() -> None:
 def test_the_numbers_of_each_joint_make_the_scene_of_the_table_of_effects() -> None:
     order = np.array([1, 0])
     wanted, settings = {}, {}
-    for field in effect_fields():
+    for field in ARM_EFFECT_FIELDS:
         names = list(joint_settings(field))
         if names:
             wanted[field.name] = np.array(example(field, 2))

@@ -376,7 +376,7 @@ def test_start_and_numbers_of_each_joint_follow_their_joints(tmp_path: Path) -> 
         (['friction.elbow=3'], (1.0, 3.0), (1.0, 9.0)),
         (['friction={"elbow": 3.0}'], (1.0, 3.0), (1.0, 9.0)),
         (['friction=[0.5, 3]'], (0.5, 3.0), (1.0, 9.0)),
-        (['friction.shoulder=2', 'static_friction.elbow=8'], (2.0, 2.0), (2.0, 8.0)),
+        (['friction.elbow=3', 'static_friction.elbow=8'], (1.0, 3.0), (1.0, 8.0)),
     ],
 )
 def test_numbers_of_joints_are_changed_in_each_spelling(

@@ -175,8 +175,8 @@ def _info_lines(found: Facts) -> Iterator[str]:
     yield f'size       {found.bytes / 1e6:.3f} MB{"" if found.complete else ", cut off"}'
     yield f'messages   {found.messages}'
     if found.begin_ns is not None and found.end_ns is not None:
-        yield f'begin      {_date(found.begin_ns)}'
-        yield f'end        {_date(found.end_ns)}'
+        yield f'begin      {_date(found.begin_ns, simulated=found.simulated)}'
+        yield f'end        {_date(found.end_ns, simulated=found.simulated)}'
         yield f'length     {(found.end_ns - found.begin_ns) / NANOSECONDS:.6f} s'
     names = max(map(len, found.topics), default=0)
     kinds = max((len(topic.type) for topic in found.topics.values()), default=0)
@@ -191,7 +191,9 @@ def _info_lines(found: Facts) -> Iterator[str]:
             yield f'{name:10} {", ".join(f"{key}={value}" for key, value in values.items())}'
 
 
-def _date(ns: int) -> str:
+def _date(ns: int, *, simulated: bool) -> str:
+    if simulated:
+        return f'{ns / NANOSECONDS:.6f} s of simulated time'
     try:
         return datetime.fromtimestamp(ns / NANOSECONDS, timezone.utc).isoformat(sep=' ')
     except (ValueError, OverflowError, OSError):

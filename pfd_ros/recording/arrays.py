@@ -54,6 +54,8 @@ class LogArrays:
         Role of each topic, for a recording of ours, else {}.
     complete : bool
         Whether the file was closed properly, rather than cut off.
+    simulated : bool
+        Whether its log times are simulated time, of a recording of ours.
     head, end : mapping
         Metadata of a recording of ours: its texts, and the values of its end; {} for other logs.
     bag : Bag
@@ -67,6 +69,7 @@ class LogArrays:
     robot: pfd.Robot | None = field(repr=False)
     roles: Mapping[str, str] = field(repr=False)
     complete: bool
+    simulated: bool
     head: Mapping[str, str] = field(repr=False)
     end: Mapping[str, Any] = field(repr=False)
     bag: Bag = field(repr=False)
@@ -241,10 +244,10 @@ def _arrays(
 ) -> LogArrays:
     settings = robot = None
     end = dict[str, Any]()
-    simulated = ''
+    simulated = False
     if _is_ours(bag):
         settings = _table(bag, HeadKey.SETTINGS)
-        simulated = 'log' if _table(bag, HeadKey.TIMES).get('simulated') else 'publish'
+        simulated = bool(_table(bag, HeadKey.TIMES).get('simulated'))
         end = {key: json.loads(text) for key, text in bag.end.items()}
         robot = robot_of(bag.robot)
     read: dict[str, TopicArrays | LogError] = {}
@@ -252,7 +255,7 @@ def _arrays(
     for name, topic in found.items():
         try:
             counted = unreadable == COUNT or roles.get(name) in INPUTS
-            arrays = topic.arrays(simulated, counted=counted)
+            arrays = topic.arrays(simulated=simulated, counted=counted)
         except ValueError as error:
             read[name] = LogError(f'{bag.path}, topic {cut(name)!r}: {error}')
         else:
@@ -267,6 +270,7 @@ def _arrays(
         robot,
         roles,
         bag.complete,
+        simulated,
         bag.head if _is_ours(bag) else {},
         end,
         bag,

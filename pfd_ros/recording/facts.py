@@ -39,12 +39,16 @@ class TopicFacts:
 
 @dataclass(frozen=True)
 class Facts:
-    """What a log contains; `settings` and `end` are of a recording of ours, else None and {}."""
+    """What a log contains; `settings` and `end` are of a recording of ours, else None and {}.
+
+    `simulated` says whether log times are simulated time.
+    """
 
     path: str
     files: list[str]
     bytes: int
     complete: bool
+    simulated: bool
     begin_ns: int | None
     end_ns: int | None
     messages: int
@@ -65,6 +69,7 @@ def facts(path: str | os.PathLike[str]) -> Facts:
         [str(file) for file in files],
         sum(file.stat().st_size for file in parts),
         log.complete,
+        log.simulated,
         min((int(received[0]) for received in times), default=None),
         max((int(received[-1]) for received in times), default=None),
         sum(map(len, times)),

@@ -209,11 +209,11 @@ class TopicReader:
             raise ValueError(f'more than {MOST_LISTS} lists of joints: read a shorter window')
         return np.full(len(names), known or 0, np.int16)
 
-    def arrays(self, simulated: str, *, counted: bool) -> TopicArrays | None:
+    def arrays(self, *, simulated: bool, counted: bool) -> TopicArrays | None:
         """Return all messages in the order of their log times, None if they were not wanted.
 
-        `simulated` says which time of a message is simulated time, '' for none. ValueError if
-        they cannot be read.
+        `simulated` says whether the log time is simulated time, in a recording of ours. ValueError
+        if they cannot be read.
         """
         if self._block or not self._times:
             self._decode()
@@ -241,7 +241,7 @@ class TopicReader:
             )
             steps = np.diff(numbers, prepend=numbers[:1]) & SEQUENCE_MASK
             cycle = (numbers[:1] + np.cumsum(steps))[places] if total else numbers
-            simulated_ns = (log_ns if simulated == 'log' else publish_ns)[places]
+            simulated_ns = (log_ns if simulated else publish_ns)[places]
         return TopicArrays(
             found,
             self._topic.type,

@@ -117,12 +117,13 @@ def compare(
     """
     if not 0 <= tolerance < math.inf:
         raise ValueError(f'tolerance must be 0 or more and finite, got {tolerance}')
+    if lag is not None and not math.isfinite(lag):
+        raise ValueError(f'lag must be finite, got {lag}')
     pairs = [topics] if topics else _pairs(a, b)
     for log, topic in zip((a, b), pairs[0], strict=True):
-        if log[topic].type != JOINT_STATE:
-            raise ValueError(
-                f'{log.path}: topic {topic!r} is {log[topic].type}, not {JOINT_STATE}'
-            )
+        kind = log.topics.get(topic, 'not in the log')
+        if kind != JOINT_STATE:
+            raise ValueError(f'{log.path}: topic {topic!r} is {kind}, expected {JOINT_STATE}')
     found = [_Pair.of(topic, other, a[topic], b[other]) for topic, other in pairs]
     first = max(found, key=lambda pair: np.isfinite(a[pair.topic].position).sum())
     shift, correlation = 0.0, None

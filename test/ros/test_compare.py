@@ -300,14 +300,17 @@ def test_recordings_are_compared_by_role_whatever_their_topics_are_called(tmp_pa
         ({'tolerance': -1.0}, 'tolerance must be 0 or more and finite, got -1.0'),
         ({'tolerance': np.nan}, 'tolerance must be 0 or more and finite, got nan'),
         ({'topics': ('/text', '/text')}, "topic '/text' is std_msgs/msg/String"),
+        ({'topics': ('/nix', '/text')}, "topic '/nix' is not in the log, expected sensor_msgs"),
+        ({'lag': np.nan}, 'lag must be finite, got nan'),
         ({'lag': 1e9}, 'have no joint with values at common times'),
     ],
 )
 def test_bad_arguments_are_named(tmp_path: Path, arguments: dict[str, Any], line: str) -> None:
     rows = [Row('/text', 1000.0, string('a')), *states(3)]
-    log = read_log(write_mcap(tmp_path / 'a.mcap', rows, {'/text': STRING}))
-    with pytest.raises(ValueError, match=line):
-        compare_logs(log, log, **arguments)
+    path = write_mcap(tmp_path / 'a.mcap', rows, {'/text': STRING})
+    for log in (read_log(path), read_log(path, types=[JOINT_STATE])):
+        with pytest.raises(ValueError, match=line):
+            compare_logs(log, log, **arguments)
 
 
 def test_logs_without_a_common_joint_or_topic_are_refused(tmp_path: Path) -> None:

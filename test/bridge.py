@@ -384,9 +384,7 @@ NAMES = {
     'pfd_commands_of': 'pfd_ros.cli.main:commands_of',
     'pfd_main': 'pfd_ros.cli.main:main',
     'pfd_parser': 'pfd_ros.cli.main:parser',
-    'REPLAY_INCOMPLETE': 'pfd_ros.cli.logs:INCOMPLETE',
     'SMALL_COMMANDS': 'pfd_ros.cli.small:COMMANDS',
-    'Command': 'pfd_ros.cli.terminal:Command',
     'progress_on': 'pfd_ros.cli.terminal:progress_on',
     'message_of': 'pfd_ros.cli.send:message_of',
 }

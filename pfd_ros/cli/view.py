@@ -51,8 +51,7 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
     add('--ghost-topic', metavar='TOPIC', help=ghost)
     add_rename(parser)
     packages = 'a package with meshes, or a folder of packages; may be repeated'
-    folder = {'type': Path, 'default': [], 'metavar': 'FOLDER'}
-    add('--package-path', action='append', **folder, help=packages)
+    add('--package-path', action='append', type=Path, metavar='FOLDER', help=packages)
     add_port(parser)
     page = 'write one .html file that plays the log without Python or a network, and end'
     add('--export', type=Path, metavar='FILE', help=page)
@@ -78,7 +77,7 @@ def _log(given: argparse.Namespace) -> int:
     from pfd_ros.view.page import Player, address, export, page
     from pfd_ros.view.shown_log import ShownLog
 
-    packages, rename = tuple(given.package_path), dict(given.rename)
+    packages, rename = tuple(given.package_path or ()), dict(given.rename)
     shown = ShownLog(given.log, given.robot, given.topic, packages, rename, given.wrench_topic)
     print_lines(shown.problems)
     ghost = None
@@ -127,7 +126,7 @@ def _live(given: argparse.Namespace) -> None:
 
         server.on_client_connect(report_browser)
         urdf, folder = topics.model() if given.robot is None else named_model(given.robot)
-        drawing = draw(urdf, Meshes(folder, tuple(given.package_path)))
+        drawing = draw(urdf, Meshes(folder, tuple(given.package_path or ())))
         print_lines(drawing.problems)
         stage = Stage(server, urdf, drawing)
         stage.look()

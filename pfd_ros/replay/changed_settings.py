@@ -19,7 +19,7 @@ import pfd_core as pfd
 from pfd_ros.arm.description import described_robot
 from pfd_ros.arm.plant import with_scene_text
 from pfd_ros.arm.plant_settings import EFFECT_FIELDS, joint_settings
-from pfd_ros.arm.setting_fields import Row, typed
+from pfd_ros.arm.setting_fields import typed
 from pfd_ros.arm.settings import (
     FIELDS,
     PER_JOINT,
@@ -61,84 +61,52 @@ class ChangedArm(NamedTuple):
 def read_changes(words: Sequence[str]) -> Changes:
     """Return the changes of words such as 'payload.mass=2' or 'friction=[1, 2]'.
 
-    Numbers, lists, true and false are JSON; names need no quotes. Numbers of single joints are
-    'friction.elbow=2' or 'friction={"elbow": 2}'.
-
-    Raises
-    ------
-    ValueError
-        If a setting is unknown or given twice, or a value has another type.
+    Values are JSON; texts need no quotes. Numbers of single joints are 'friction.elbow=2' or
+    'friction={"elbow": 2}'. ValueError for a setting that is unknown or given twice, or a value of
+    another type.
     """
-    values: dict[str, Any] = {}
-    of_joints: dict[str, dict[str, float]] = {}
-    groups = {row.name for row in PER_JOINT}
+    texts: dict[str, str] = {}
     for word in words:
         key, equals, text = word.partition('=')
         if not equals or not key:
             raise ValueError(f'--what-if takes KEY=VALUE, got {cut(word)!r}')
-        row = _row(key, text)
-        table_given = key in groups and text.lstrip().startswith('{')
-        if row is not None and not table_given:
-            if row.field in GIVEN:
-                raise ValueError(f'{cut(key)} cannot be changed: {GIVEN[row.field]}')
-            if row.field in values:
-                raise ValueError(f'{cut(key)} is given twice')
-            values[row.field] = _value(key, text, row.type)
-            continue
-        if not table_given and split_joints({key: 0.0})[0]:
+        if key in texts:
+            raise ValueError(f'{cut(key)} is given twice')
+        texts[key] = text
+    plain, of_joints = split_joints({key: _json_or_text(text) for key, text in texts.items()})
+    values: dict[str, Any] = {}
+    for key, value in plain.items():
+        rows = [row for row in FIELDS if row.name == key]
+        if not rows:
             known = sorted({row.name for row in FIELDS})
             hint = did_you_mean(key, known, '`pfd info LOG` lists all')
             raise ValueError(f'unknown setting {cut(key)!r}: {hint}')
-        single = split_joints({key: _json(key, text, 'expected a number')})[1]
-        for name, numbers in single.items():
-            table = of_joints.setdefault(name, {})
-            if not table.keys().isdisjoint(numbers):
-                raise ValueError(f'{cut(key)} is given twice')
-            table.update(numbers)
+        if key in GIVEN:
+            raise ValueError(f'{cut(key)} cannot be changed: {GIVEN[key]}')
+        # A switch and a group of numbers of each joint may have one name.
+        listing = texts[key].lstrip().startswith('[')
+        row = next((row for row in rows if row.per_joint == listing), rows[0])
+        if row.type == 'str':
+            value = texts[key]
+        elif row.type == 'tuple[str, ...]':
+            inner = texts[key].strip().removeprefix('[').removesuffix(']')
+            value = [name.strip(' \'"') for name in inner.split(',')] if inner.strip() else []
+        values[row.field] = typed(key, value, row.type)
     both = sorted(values.keys() & of_joints.keys())
     if both:
         raise ValueError(f'{both[0]} is given for all joints and for one: use one of them')
     return Changes(values, of_joints)
 
 
-def _row(key: str, text: str) -> Row | None:
-    """Return the setting of a key, None if it is none of all joints."""
-    rows = [row for row in FIELDS if row.name == key]
-    if len(rows) > 1:
-        # A switch, and a group of numbers of each joint.
-        listing = text.lstrip().startswith('[')
-        rows = [row for row in rows if row.per_joint == listing]
-    return rows[0] if rows else None
-
-
-def _value(key: str, text: str, kind: str) -> Any:
-    value: Any = text
-    if kind == 'tuple[str, ...]':
-        inner = text.strip().removeprefix('[').removesuffix(']')
-        value = [name.strip(' \'"') for name in inner.split(',')] if inner.strip() else []
-    elif kind.startswith('tuple'):
-        value = _json(key, text, 'expected numbers as [0.1, 0.2]')
-    elif kind != 'str':
-        with suppress(ValueError):
-            value = json.loads(text)
-    return typed(key, value, kind)
-
-
-def _json(key: str, text: str, expected: str) -> Any:
+def _json_or_text(text: str) -> Any:
     try:
         return json.loads(text)
     except (ValueError, RecursionError):
-        raise ValueError(f'{cut(key)} is {cut(text)!r}, {expected}') from None
+        return text
 
 
 def changed_arm(log: Log, changes: Changes) -> ChangedArm:
-    """Return the arm of a recording after changes.
-
-    Raises
-    ------
-    ValueError
-        If a value is refused, or the changes do not go with the recording.
-    """
+    """Return the arm of a recording after changes; ValueError if they do not go with it."""
     values, of_joints = changes
     settings, robot, urdf = ChangedArm(log.settings, log.robot)
     if 'robot' in values:
@@ -157,13 +125,7 @@ def changed_arm(log: Log, changes: Changes) -> ChangedArm:
 
 
 def described_arm(changes: Changes) -> ChangedArm:
-    """Return the arm of changes alone, as fast as possible.
-
-    Raises
-    ------
-    ValueError
-        If they name no robot, or a value is refused.
-    """
+    """Return the arm of changes alone, as fast as possible; ValueError without a robot."""
     if 'robot' not in changes.values:
         raise ValueError('--commands needs robot=: a bag does not hold the robot of its commands')
     settings = Settings(**{'real_time_factor': 0.0, **changes.values})

@@ -211,7 +211,7 @@ def what_if(
         raise LogError(f'{path} holds no states, so there is nothing to compare')
     target = out or _free_path(path)
     engine = _engine(case, case.settings)
-    result = _recorded_run(case, engine, target, progress)
+    run = _recorded_run(case, engine, target, progress)
     topic = case.topics.get(STATES) or topic_names([STATES])[STATES]
     begins = _begins(case, engine)
     with damage_named(path):
@@ -221,16 +221,40 @@ def what_if(
             raise LogError(
                 f'the new run, in {target}, has no states: the arm waited for its clock'
             )
-        if result.failure and new[topic].time[-1] < old[case.states].time[0]:
+        if run.failure and new[topic].time[-1] < old[case.states].time[0]:
             raise LogError(
-                f'the simulation failed before the first recorded state: {result.failure}; the '
+                f'the simulation failed before the first recorded state: {run.failure}; the '
                 f'new run is in {target}'
             )
         found = compare(old, new, topics=(case.states, topic), lag=0.0)
         alone = _rounding(case, engine, new, topic, begins[1]) if rounding else None
-        limits = dict(zip(JOINT_FIELDS, map(float, thresholds), strict=True))
-        divergences = tuple(_divergences(found, alone, limits, old[case.states].time))
-    return _result(case, path, target, changes, engine, result, found, alone, divergences, limits)
+    limits = dict(zip(JOINT_FIELDS, map(float, thresholds), strict=True))
+    recorded, own = case.arrays[case.states], {*engine.names, *engine.locked}
+    bag = case.source if isinstance(case.source, BagInputs) else None
+    unread = f'{recorded.unreadable} messages of {case.states} cannot be read'
+    return WhatIf(
+        source=path,
+        log=target,
+        changes=tuple(changes),
+        robot=case.robot.name,
+        settings=engine.state.first,
+        seconds=(engine.stamp_ns - engine.state.origin_ns) / NANOSECONDS,
+        states=len(recorded),
+        thresholds=tuple(limits.values()),
+        divergences=tuple(_divergences(found, alone, limits, old[case.states].time)),
+        only_in_log=tuple(name for name in recorded.names if name not in own),
+        only_in_arm=tuple(name for name in engine.names if name not in recorded.names),
+        failure=run.failure,
+        failed_at=run.failed_ns / NANOSECONDS if run.failure else None,
+        rejected=dict(run.rejected),
+        first_rejected=run.first_rejected,
+        skipped=dict(bag.skipped) if bag else {},
+        times=bag.times if bag else '',
+        complete=case.arrays.complete,
+        problems=[unread] if recorded.unreadable else [],
+        comparison=found,
+        rounding=alone,
+    )
 
 
 def _begins(case: _Case, engine: Engine) -> tuple[int, int]:
@@ -299,13 +323,8 @@ def _of_recording(path: Path, changes: Changes) -> _Case:
 
 def _untied(settings: Settings) -> Settings:
     """Return settings of an arm that waits for nobody, recorded in simulated time."""
-    return replace(
-        settings,
-        lockstep=False,
-        wait_for_controller=False,
-        recording='',
-        recording_time=SIMULATED,
-    )
+    free = replace(settings, lockstep=False, wait_for_controller=False)
+    return replace(free, recording='', recording_time=SIMULATED)
 
 
 def _of_bag(
@@ -391,48 +410,6 @@ def _rounding(
         _recorded_run(case, nudged, target, None, nudged=True)
         other = _recorded_states(target, topic, begin_ns)
         return compare(new, other, topics=(topic, topic), lag=0.0)
-
-
-def _result(
-    case: _Case,
-    path: Path,
-    target: Path,
-    changes: Sequence[str],
-    engine: Engine,
-    run: Run,
-    found: Comparison,
-    alone: Comparison | None,
-    divergences: tuple[JointDivergence, ...],
-    limits: Mapping[str, float],
-) -> WhatIf:
-    states = case.arrays[case.states]
-    own = {*engine.names, *engine.locked}
-    problems = []
-    if states.unreadable:
-        problems.append(f'{states.unreadable} messages of {case.states} cannot be read')
-    return WhatIf(
-        path,
-        target,
-        tuple(changes),
-        case.robot.name,
-        engine.state.first,
-        (engine.stamp_ns - engine.state.origin_ns) / NANOSECONDS,
-        len(states),
-        tuple(limits.values()),
-        divergences,
-        tuple(name for name in states.names if name not in own),
-        tuple(name for name in engine.names if name not in states.names),
-        run.failure,
-        run.failed_ns / NANOSECONDS if run.failure else None,
-        dict(run.rejected),
-        run.first_rejected,
-        dict(case.source.skipped) if isinstance(case.source, BagInputs) else {},
-        case.source.times if isinstance(case.source, BagInputs) else '',
-        case.arrays.complete,
-        problems,
-        found,
-        alone,
-    )
 
 
 def _divergences(

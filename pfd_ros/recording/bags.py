@@ -100,12 +100,7 @@ class Bag:
     def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
         """Yield all messages, or those of some topics, in the order of the files.
 
-        Raises
-        ------
-        LogError
-            If a file is no log, damaged before its end or of a kind that is not read.
-        OSError
-            If a file cannot be read.
+        LogError if a file is no log, damaged before its end or of a kind that is not read.
         """
         complete = True
         for path in self.files():
@@ -268,17 +263,7 @@ def _numbered(folder: Path) -> list[Path]:
 def in_order(messages: Iterator[BagMessage], late_ns: int) -> Iterator[BagMessage]:
     """Yield messages in the order of their log times, equal times in the order of the file.
 
-    Parameters
-    ----------
-    messages
-        In any order.
-    late_ns
-        Largest time by which a message is earlier than one before it.
-
-    Raises
-    ------
-    LogError
-        If more than WAITING_BYTES wait.
+    A message is up to `late_ns` earlier than one before it. LogError if too many bytes wait.
     """
     waiting: list[tuple[int, int, BagMessage]] = []
     size = latest = 0

@@ -190,14 +190,14 @@ class TopicReader:
                 self._numbers.extend(message.number for message in block)
             self._decoder = self._decoder or decoder_of(self._topic)
             piece, places = self._decoder.read([message.data for message in block])
+            if self._topic.type == JOINT_STATE and {'name', *JOINT_FIELDS} <= piece.keys():
+                self._groups.append(self._groups_of(piece.pop('name')))
         except OverflowError:
             self._error = ValueError('a time is beyond 2^63 ns')
             return
         except ValueError as error:
             self._error, self._pieces = error, []
             return
-        if self._topic.type == JOINT_STATE and {'name', *JOINT_FIELDS} <= piece.keys():
-            self._groups.append(self._groups_of(piece.pop('name')))
         self._pieces.append(piece)
         self._places.append(places + before)
 

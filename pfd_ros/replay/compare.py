@@ -58,8 +58,6 @@ class Comparison:
         Difference of the starts [s] where the clocks have nothing in common, else 0.
     overlap, uncovered : float
         Seconds that were compared, and those that only the longer log covers, beyond the lag.
-    differences : tuple of Difference
-        By topic, field and joint.
     only_in_a, only_in_b : tuple of str
         Missing in the other log: topics; joints, fields of a joint and values after their topic.
     curves : dict

@@ -104,20 +104,9 @@ class Played(NamedTuple):
 
 
 class Playlist(NamedTuple):
-    """The published part of a log.
+    """The published part of a log, and lines that its user has to know.
 
-    Attributes
-    ----------
-    bag
-        The log.
-    topics
-        Its published topics, by name.
-    window
-        Its published log times.
-    late_ns
-        Largest time by which a message in the file is earlier than one before it.
-    lines
-        What a user has to know.
+    In the file a message is up to `late_ns` earlier than one before it.
     """
 
     bag: Bag
@@ -130,14 +119,7 @@ class Playlist(NamedTuple):
 def playlist(path: Path, options: PlayOptions, stopped: Callable[[], bool]) -> Playlist | None:
     """Read a log and return what of it is published; None if it was stopped.
 
-    Raises
-    ------
-    LogError
-        If the log is damaged before its end.
-    ValueError
-        If nothing is to be published, or a topic or time is not in the log.
-    OSError
-        If the log cannot be read.
+    ValueError if nothing is to be published, or a topic or time is not in the log.
     """
     bag = Bag(path)
     times: dict[str, array[int]] = {}
@@ -188,22 +170,9 @@ def choose(
 ) -> tuple[dict[str, Played], list[str]]:
     """Return the topics to publish of a bag that was read, and lines about the others.
 
-    Parameters
-    ----------
-    bag
-        Its topics are known.
-    roles
-        Role of each topic of a recording of ours.
-    wanted
-        Topics to publish, also commands; default all but commands.
-    remaps
-        A topic of the log and the name under which it is published.
-
-    Raises
-    ------
-    ValueError
-        If a topic is not in the log, is remapped twice or on a topic of another type, or nothing
-        is left.
+    `roles` are those of its topics in a recording of ours. `wanted` may name commands; by default
+    all but commands are published. ValueError if a topic is not in the log, is remapped twice or
+    on a topic of another type, or nothing is left.
     """
     known = sorted(bag.topics)
     missing = sorted({*(wanted or ()), *(name for name, _ in remaps)} - set(known))

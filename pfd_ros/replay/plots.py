@@ -17,15 +17,7 @@ MOST_JOINTS = 12
 
 
 def check_picture(path: Path) -> None:
-    """Check that a picture can be written, before a long run.
-
-    Raises
-    ------
-    ValueError
-        If matplotlib is not installed, or does not write files of this suffix.
-    OSError
-        If the file exists.
-    """
+    """Check that a picture can be written, before a long run; ValueError, OSError if it cannot."""
     if path.exists():
         raise FileExistsError(f'{path} exists and is not overwritten; choose another name')
     known = _figure()().canvas.get_supported_filetypes()
@@ -42,15 +34,7 @@ def _figure() -> Any:
 
 
 def plot_comparison(found: Comparison, names: tuple[str, str], path: Path) -> None:
-    """Write the curves of the first topic, a panel a joint and field, up to the twelfth joint.
-
-    Raises
-    ------
-    ValueError
-        If matplotlib is not installed, or does not write files of this suffix.
-    OSError
-        If the file exists or cannot be written.
-    """
+    """Write the curves of the first topic, a panel a joint and field, up to the twelfth joint."""
     check_picture(path)
     topic = found.differences[0].topic
     chosen = {key[1:]: curves for key, curves in found.curves.items() if key[0] == topic}

@@ -70,16 +70,7 @@ def play(path: Path, options: PlayOptions, stop: Stop) -> int:
     """Publish a log until its end or a signal; return the exit status.
 
     0 if all of it was published, or a loop was ended by a signal; else 128 and the number of the
-    signal that ended it.
-
-    Raises
-    ------
-    LogError
-        If the log is damaged before its end.
-    ValueError
-        If nothing is to be published, or a topic or time is not in the log.
-    OSError
-        If the log cannot be read.
+    signal that ended it. LogError, ValueError and OSError as `playlist`.
     """
     found = playlist(path, options, stop.is_set)
     if found is None:

@@ -54,13 +54,7 @@ class Window:
     end_ns: int
 
     def at(self, seconds: float) -> int:
-        """Return the log time [ns] at a number of seconds after the zero of the log.
-
-        Raises
-        ------
-        ValueError
-            If it lies before the log or after the window.
-        """
+        """Return the log time [ns] at some seconds of the log; ValueError outside of it."""
         last = (self.end_ns - 1 - self.first_ns) / SECOND
         # Compared before it is converted: 1e300 s has no number of ns.
         if not 0 <= seconds <= last:
@@ -79,21 +73,13 @@ class Schedule:
         By topic, how many of the last messages before a position are sent first.
     window
         The window of time that is played.
-    rate
-        Speed, as a multiple of the log's.
-    loop
-        Begin again at the end.
-    paused
-        Wait for `resume`.
     tick_ns
         Steady time between ticks of a clock, None for no clock.
 
     Attributes
     ----------
-    ended
-        Whether the end was reached, without a loop.
-    loops
-        Number of times that the log began again.
+    ended, loops
+        Whether the end was reached without a loop, and how often the log began again.
 
     Raises
     ------
@@ -195,13 +181,7 @@ class Schedule:
         self.rate = rate
 
     def step(self, now_ns: int) -> bool:
-        """While paused, make the next message due; return whether there is one.
-
-        Raises
-        ------
-        ValueError
-            If it is not paused.
-        """
+        """Make the next message due; return whether there is one. ValueError unless paused."""
         if not self.paused:
             raise ValueError('player is not paused: call ~/pause first')
         if self._next is None and self._loop:
@@ -214,13 +194,7 @@ class Schedule:
         return True
 
     def seek(self, now_ns: int, log_ns: int) -> None:
-        """Continue at a time of the log, which may lie before the window.
-
-        Raises
-        ------
-        ValueError
-            If it lies before the log or after the window.
-        """
+        """Continue at a time of the log, perhaps before the window; ValueError outside of it."""
         if not self.window.first_ns <= log_ns < self.window.end_ns:
             raise ValueError(
                 f'{log_ns} ns is outside of the log, expected {self.window.first_ns} to '

@@ -285,9 +285,9 @@ class LockstepArm:
         )
 
     def step(
-        self, events: Sequence[tuple[str, bytes]] = (), every: int = 1
+        self, events: Sequence[Any] = (), every: int = 1
     ) -> tuple[list[Message], list[Verdict]]:
-        """Send serialized messages to the arm, and run to the next cycle that `every` divides.
+        """Send commands, role and bytes, and run to the next cycle that `every` divides.
 
         Returns
         -------
@@ -365,7 +365,7 @@ class LockstepArm:
     def _demand(self, role: str, data: bytes) -> None:
         """Send a message that the next cycle takes; ValueError if the arm does not accept it."""
         self.inputs += (self.engine.state.cycle, role, data)
-        messages, (verdict,) = self.engine.step([(role, data)], run=False)
+        messages, (verdict,) = self.engine.step([Message(role, data)], run=False)
         self._record(messages)
         if not verdict.accepted:
             raise ValueError(f'{verdict.label}: {verdict.detail}')

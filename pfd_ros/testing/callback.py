@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from pfd_ros.arm.events import ARRAY, Message, Verdict
 from pfd_ros.messages.text_and_arrays import encode_floats
 from pfd_ros.motion.metrics import Array
-from pfd_ros.testing.loop import ControllerError, RejectedError, blocked
+from pfd_ros.testing.loop import Command, ControllerError, RejectedError, blocked
 from pfd_ros.testing.patience import BlockedError, Watch
 from pfd_ros.text import one_line
 
@@ -58,7 +58,7 @@ class CallbackLink:
 
     def answer(
         self, messages: Sequence[Message], time: float, measured: Array
-    ) -> Sequence[tuple[str, bytes]]:
+    ) -> Sequence[Command]:
         """Return the command with which the controller answers a state.
 
         Raises

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 import math
-from typing import Any, Protocol, TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
@@ -27,7 +27,9 @@ from pfd_ros.testing.patience import Watch
 from pfd_ros.testing.trajectory import Rows
 from pfd_ros.text import did_you_mean, listed
 
-Step: TypeAlias = Callable[[Sequence[tuple[str, bytes]], int], tuple[list[Any], list[Verdict]]]
+# The role and the bytes of a message.
+Command: TypeAlias = tuple[str, bytes]
+Step: TypeAlias = Callable[[Sequence[Command], int], tuple[list[Message], list[Verdict]]]
 # The names that `allow_rejected` takes.
 REASONS = LABELS[1:]
 
@@ -75,7 +77,7 @@ class Link(Protocol):
 
     def answer(
         self, messages: Sequence[Message], time: float, measured: Array
-    ) -> Sequence[tuple[str, bytes]]:
+    ) -> Sequence[Command]:
         """Return the commands, role and bytes, that follow messages of the arm.
 
         `measured` are positions, velocities and efforts (3, n) of the state at `time` [s], the
@@ -127,13 +129,13 @@ def run(engine: Engine, step: Step, link: Link, rows: Rows, allowed: Collection[
         messages, verdicts = step(commands, every)
         for i, verdict in enumerate(verdicts):
             if verdict is not ACCEPTED or commands[i][0] == NAMED:
-                found = rejection(*commands[i], verdict, engine.names)
+                found = rejection(commands[i], verdict, engine.names)
                 if found is not None and found.label not in allowed:
                     raise link.rejected(time, found)
         published = engine.published
 
 
-def rejection(role: str, data: bytes, verdict: Verdict, names: Sequence[str]) -> Verdict | None:
+def rejection(command: Command, verdict: Verdict, names: Sequence[str]) -> Verdict | None:
     """Return why the arm rejected a command or a part of it, None if it accepted all.
 
     The arm accepts a message by name that holds a number for one of its joints. Names that it does
@@ -141,18 +143,17 @@ def rejection(role: str, data: bytes, verdict: Verdict, names: Sequence[str]) ->
     """
     if not verdict.accepted:
         if verdict.label in ('infinite', 'not_finite'):
-            return Verdict(verdict.label, _not_finite(role, data, names))
+            return Verdict(verdict.label, _not_finite(*command, names))
         return verdict
     for remark in verdict.remarks:
         if remark.label in REASONS:
             return remark
-    if role != NAMED:
+    if command[0] != NAMED:
         return None
-    joints = decode_joints(data)
+    joints = decode_joints(command[1])
     kinds = [x for x in (getattr(joints, kind) for kind in JOINT_FIELDS) if len(x)]
-    without = np.isnan(kinds).all(axis=0)
-    left = [name for name, none in zip(joints.names, without, strict=True) if none]
-    left = [name for name in left if name in names]
+    without = np.flatnonzero(np.isnan(kinds).all(axis=0)).tolist()
+    left = [joints.names[j] for j in without if joints.names[j] in names]
     return Verdict(ALL_NAN.label, f'NaN for {listed(left)}') if left else None
 
 

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext, suppress
 import os
 from pathlib import Path
@@ -20,7 +20,6 @@ import yaml
 
 from pfd_ros.arm.settings import FIELDS
 from pfd_ros.testing.domains import environment_to_kill
-from pfd_ros.text import did_you_mean
 
 # On Linux the kernel ends the process if the thread that started it is gone (PR_SET_PDEATHSIG), so
 # that a killed test runner leaves nothing behind; exec keeps that (prctl(2)).
@@ -123,10 +122,8 @@ class ChildProcess:
         """
         if self.process.poll() is None:
             self._signal(number)
-        try:
+        with suppress(subprocess.TimeoutExpired):
             self.process.wait(seconds)
-        except subprocess.TimeoutExpired:
-            pass
         # What it started may still run.
         self._signal(signal.SIGKILL)
         return self.process.wait()
@@ -177,24 +174,19 @@ class NodeProcess(ControllerProcess):
     Parameters
     ----------
     parameters
-        By name, or by the field of the settings: `noise.velocity` or `noise_velocity`. Numbers of
-        single joints may be a mapping.
+        By name, or by field of the settings: `noise.velocity` or `noise_velocity`. Those of single
+        joints may be a mapping.
     ros_args
         More arguments, as on a command line after --ros-args.
-
-    Raises
-    ------
-    ValueError
-        If a name is not one of a parameter.
     """
 
     def __init__(self, parameters: Mapping[str, Any], ros_args: Sequence[str] = ()) -> None:
-        chosen = dict(_named(parameters))
-        text = yaml.safe_dump({'/**': {'ros__parameters': chosen}})
-        command = [sys.executable, '-m', 'pfd_ros.node.main', '--ros-args', *ros_args]
+        names = {row.field: row.name for row in FIELDS}
+        chosen = {names.get(name, name): value for name, value in parameters.items()}
         with tempfile.NamedTemporaryFile('w', suffix='.yaml', delete=False) as file:
-            file.write(text)
+            yaml.safe_dump({'/**': {'ros__parameters': chosen}}, file)
         self._file = file.name
+        command = [sys.executable, '-m', 'pfd_ros.node.main', '--ros-args', *ros_args]
         super().__init__([*command, '--params-file', file.name])
 
     def close(self) -> None:
@@ -216,19 +208,3 @@ class NodeProcess(ControllerProcess):
         finally:
             os.unlink(self._file)
             super().close()
-
-
-def _named(parameters: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield parameters as the node names them, each number of a single joint by itself."""
-    rows = {row.field: row for row in FIELDS} | {row.name: row for row in FIELDS}
-    groups = tuple(name for name, row in rows.items() if row.per_joint)
-    for given, value in parameters.items():
-        group = next((name for name in groups if given.startswith(f'{name}.')), given)
-        if group not in rows:
-            hint = did_you_mean(given, list(rows), 'config/sim_arm.yaml has them all')
-            raise ValueError(f'unknown parameter {given!r}: {hint}')
-        name = rows[group].name + given.removeprefix(group)
-        if isinstance(value, Mapping):
-            yield from ((f'{name}.{joint}', number) for joint, number in value.items())
-        else:
-            yield name, value

@@ -332,7 +332,7 @@ class Trajectory:
         rms: float,
         first: int,
     ) -> tuple[str, int, int] | None:
-        """Return the text about errors (N, k) beyond a bound, its row and column; None if within."""
+        """Return the text about errors (N, k) beyond a bound, row and column; None if within."""
         if within == rms == math.inf:
             raise ValueError('expected within=..., rms=... or both')
         for j in columns:
@@ -451,13 +451,12 @@ class Trajectory:
 
     def _rows(self, name: str, value: Reference, columns: int) -> Array:
         """Return finite values in each row, (N, columns)."""
-        if callable(value):
-            value = [value(t) for t in self.time.tolist()]
-        array, shape = np.asarray(value, np.float64), (len(self.time), columns)
+        rows = [value(t) for t in self.time.tolist()] if callable(value) else value
+        array, shape = np.asarray(rows, np.float64), (len(self.time), columns)
         if array.shape not in ((), (columns,), shape) or not np.isfinite(array).all():
             raise ValueError(
-                f'{name} has shape {array.shape}, expected finite numbers in {shape}, ({columns},) '
-                'or a function of the time that returns them'
+                f'{name} has shape {array.shape}, expected finite numbers in {shape}, '
+                f'({columns},) or a function of the time that returns them'
             )
         return np.broadcast_to(array, shape)
 

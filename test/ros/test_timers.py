@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ def bits(motion: Trajectory) -> bytes:
 
 
 @pytest.fixture
-def spin(domain: int) -> Iterator[Callable[..., Trajectory]]:
+def spin(domain: int) -> Callable[..., Trajectory]:
     """Return a function that runs controllers, some here and some as processes."""
 
     def run(
@@ -45,7 +45,7 @@ def spin(domain: int) -> Iterator[Callable[..., Trajectory]]:
             assert all(node.late == 0 for node in nodes) or here[0] in ('wall', 'steady')
             return motion
 
-    yield run
+    return run
 
 
 @pytest.mark.parametrize(
@@ -67,9 +67,7 @@ def test_nodes_of_this_process_have_the_same_bits_in_each_run(
 @pytest.mark.parametrize(
     ('kind', 'runs'),
     [
-        ('states', 1),
-        ('filter', 1),
-        ('two', 1),
+        *((kind, 1) for kind in ('states', 'filter', 'two', 'reads')),
         *(pytest.param(kind, 20, marks=pytest.mark.long) for kind in ('filter', 'two', 'cpp')),
     ],
 )

@@ -206,7 +206,9 @@ def test_a_motion_tracks_a_reference_within_its_largest_error_and_its_rms() -> N
             "joint 'b' is 0.1 from its reference at t = 0.5 s, expected within 0.05; at most 0.1 "
             'at t = 0.5 s'
         )
-        with pytest.raises(AssertionError, match=r"the error of joint 'a' has an rms of 0\.02, exp"):
+        with pytest.raises(
+            AssertionError, match=r"the error of joint 'a' has an rms of 0\.02, exp"
+        ):
             found.assert_tracks(reference, rms=0.019)
     (failure,) = [beyond.value.__dict__['motion']]
     assert failure.time == 0.5

@@ -73,7 +73,7 @@ def faulty(fault: str = '') -> Callable[[np.ndarray], Any]:
 TIMERS = {
     **dict.fromkeys(('states', 'states_on_clock', 'front', 'lazy', 'stamps'), ()),
     **dict.fromkeys(('timer', 'wall', 'steady', 'threads'), (2,)),
-    **dict.fromkeys(('filter', 'flag', 'back', 'cpp'), (5,)),
+    **dict.fromkeys(('filter', 'reads', 'flag', 'back', 'cpp'), (5,)),
     'two': (2, 10),
     'uneven': (3,),
 }
@@ -129,6 +129,9 @@ def node_of(kind: str, fault: str = '') -> Any:
                 self.send(pd(q, qd) + np.sin(50.0 * t))
                 return
             self.slow = 0.9 * self.slow + 0.1 * qd
+            if kind == 'reads':
+                # The tick of this state comes after it: the clock is at the state before.
+                self.slow *= 1.0 + 1e-9 * self.get_clock().now().nanoseconds % 0.01
             if kind in ('states', 'states_on_clock'):
                 self.send(pd(q, self.slow))
             if kind == 'front':

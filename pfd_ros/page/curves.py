@@ -22,7 +22,7 @@ from pfd_ros.arm.events import (
 )
 from pfd_ros.arm.plant import INPUT, scene_of
 from pfd_ros.arm.plant_settings import payload_from
-from pfd_ros.arm.settings import SIMULATED, Settings
+from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
 from pfd_ros.page.recorded import Array, Recorded
@@ -113,7 +113,7 @@ def plots_of(run: Recorded, references: Sequence[Reference] = ()) -> Iterator[Pl
                 plot = Plot(title, run.topic, joints.names, joints.time, values, True, bounds)
                 plot = plot._replace(breaks=joints.gaps)
                 yield _with_references(plot, references) if item == 'position' else plot
-    others = [plot for plot in (*_energy(run), *_periods(run), *_of_topics(run)) if len(plot.time)]
+    others = [plot for plot in (*_energy(run), *_of_topics(run)) if len(plot.time)]
     yield from sorted(others, key=lambda plot: not plot.title.startswith('commanded'))
 
 
@@ -203,16 +203,6 @@ def _payloads(run: Recorded) -> tuple[Array, list[pfd.Payload | None]]:
     rows = np.stack([found.arrays[f'inertia.{path}'] for path in paths], axis=1)
     payloads = [payload_from(row) if row[0] > 0.0 else None for row in rows.tolist()]
     return run.times(found), [None, *payloads]
-
-
-def _periods(run: Recorded) -> Iterator[Plot]:
-    """Yield the wall-clock time between states, where log times are those of the wall clock."""
-    states = dict(run.of_type(JOINT_STATE)).get(run.topic)
-    if states is None or len(run.joints) != 1 or run.settings.get('recording_time') == SIMULATED:
-        return
-    (joints,) = run.joints
-    wall = 1e-6 * np.diff(states.log_ns[states.rows(joints.names[0])])[:, np.newaxis]
-    yield Plot('period [ms]', 'log times of states', ('period',), joints.time[1:], wall, False)
 
 
 def _packed(array: Array, kind: str) -> str:

@@ -11,9 +11,9 @@ When a controller ends, a watchdog stops the arm: what happens after the last co
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from pfd_ros.messages.types import DIAGNOSTICS
 from pfd_ros.page.recorded import Array, Recorded
 from pfd_ros.text import one_line
 
+T = TypeVar('T', bound=Hashable)
 BAD, WARNING, NOTE = 'bad', 'warning', 'note'
 # A shorter time without commands at the end of a log is no end of the controller [s].
 SILENCE = 0.1
@@ -57,8 +58,16 @@ class Finding:
         return float(self.spans[0, 0])
 
 
-def _at(times: Array) -> Array:
+def _at(*times: float) -> Array:
     return np.stack([times, times], axis=1)
+
+
+def _grouped(rows: Iterable[tuple[T, float]]) -> dict[T, Array]:
+    """Return the spans of each of some things that happen at times, in their first order."""
+    groups: dict[T, list[float]] = {}
+    for what, time in rows:
+        groups.setdefault(what, []).append(time)
+    return {what: _at(*times) for what, times in groups.items()}
 
 
 def _spans(time: Array, holds: Array) -> Array:
@@ -116,18 +125,18 @@ def _gaps(run: Recorded) -> Iterator[Finding]:
 def _rejected(run: Recorded) -> Iterator[Finding]:
     """Yield rejected inputs by role and label; those that a reflex refused are the reflex."""
     found = run.of_role(REJECTED)
-    groups: dict[str, list[tuple[float, str]]] = {}
-    for time, text in [] if found is None else zip(run.times(found), found.data, strict=True):
-        kind, _, detail = str(text).partition('\n')
-        groups.setdefault(kind, []).append((time, detail))
-    for kind, rows in groups.items():
-        spans, (role, _, label) = _at(np.array([time for time, _ in rows])), kind.partition(' ')
-        reflex = run.settings.get('reflex_effort_rate') and rows[0][1] != INACTIVE.detail
+    if found is None:
+        return
+    texts = [str(text).partition('\n')[::2] for text in found.data]
+    details = dict(reversed(texts))
+    for kind, spans in _grouped(zip([x for x, _ in texts], run.times(found), strict=True)).items():
+        role, _, label = kind.partition(' ')
+        reflex = run.settings.get('reflex_effort_rate') and details[kind] != INACTIVE.detail
         if label == 'refused' and role in COMMANDS and reflex:
-            text = f'all joints braked: {rows[0][1]}; commands are refused until ~/reset'
+            text = f'all joints braked: {details[kind]}; commands are refused until ~/reset'
             yield Finding('reflex', BAD, '', one_line(text, TEXT_LENGTH), spans)
         else:
-            text = one_line(f'{role} {label}: {rows[0][1]}', TEXT_LENGTH)
+            text = one_line(f'{role} {label}: {details[kind]}', TEXT_LENGTH)
             yield Finding('rejected input', BAD, '', text, spans)
 
 
@@ -178,7 +187,7 @@ def _failure(run: Recorded) -> Iterator[Finding]:
     """Yield from the end record why the simulation stopped, and a reflex that refused nothing."""
     totals = _totals(run)
     start, step = (float(run.settings.get(x) or 0.0) for x in ('start_time', 'step_size'))
-    end = _at(np.array([start + step * float(totals.get('steps', 0))]))
+    end = _at(start + step * float(totals.get('steps', 0)))
     if end[0, 0] > run.span[1] + LATE:
         return
     if totals.get('failure'):
@@ -190,53 +199,49 @@ def _failure(run: Recorded) -> Iterator[Finding]:
 
 
 def _diagnostics(run: Recorded) -> Iterator[Finding]:
-    groups: dict[tuple[bool, str], list[float]] = {}
+    rows: list[tuple[tuple[str, str], float]] = []
     for _, found in run.of_type(DIAGNOSTICS):
         level, name, text = (found.arrays[f'status.{x}'] for x in ('level', 'name', 'message'))
         times = run.times(found)
         for k, j in np.argwhere(np.nan_to_num(level.astype(float)) >= 1):
             line = one_line(f'{name[k, j]}: {text[k, j]}', TEXT_LENGTH)
-            groups.setdefault((level[k, j] >= 2, line), []).append(times[k])
-    for (bad, line), rows in groups.items():
-        severity = BAD if bad else WARNING
-        yield Finding('diagnostics', severity, '', line, _at(np.sort(np.array(rows))))
+            rows.append(((BAD if level[k, j] >= 2 else WARNING, line), times[k]))
+    for (severity, line), spans in _grouped(rows).items():
+        yield Finding('diagnostics', severity, '', line, spans)
 
 
 def _events(run: Recorded) -> Iterator[Finding]:
     """Requests, states that were set, changes of parameters, and transitions: no faults."""
-    lines: list[tuple[str, float]] = []
+    rows: list[tuple[str, float]] = []
     for role, what in ((REQUESTS, 'request'), (PARAMETERS, 'parameters'), (SET_STATE, SET_STATE)):
         found = run.of_role(role)
         if found is not None:
             texts = [''] * len(found) if role == SET_STATE else found.data
-            lines += [(f'{what} {x}', t) for x, t in zip(texts, run.times(found), strict=True)]
+            rows += [(f'{what} {x}', t) for x, t in zip(texts, run.times(found), strict=True)]
     for _, found in run.of_type(TRANSITION):
         states = zip(found['start_state.label'], found['goal_state.label'], strict=True)
         texts = [f'lifecycle: {start} to {goal}' for start, goal in states]
-        lines += zip(texts, run.times(found), strict=True)
-    for text in dict.fromkeys(text for text, _ in lines):
-        times = np.array([time for other, time in lines if other == text])
-        yield Finding('event', NOTE, '', one_line(text, TEXT_LENGTH), _at(times))
+        rows += zip(texts, run.times(found), strict=True)
+    for text, spans in _grouped(rows).items():
+        yield Finding('event', NOTE, '', one_line(text, TEXT_LENGTH), spans)
+
+
+def _without_states(run: Recorded) -> str:
+    return '' if run.joints else 'no joint states'
 
 
 Check = Callable[[Recorded], Iterator[Finding]]
 # Name -> check, and why it cannot be made.
 CHECKS: dict[str, tuple[Check, Callable[[Recorded], str]]] = {
     'limits': (_limits, _without_limits),
-    'finite numbers': (_not_finite, lambda run: '' if run.joints else 'no joint states'),
-    'missing states': (_gaps, lambda run: '' if run.joints else 'no joint states'),
-    'rejected inputs and reflexes': (
-        _rejected,
-        lambda run: '' if REJECTED in run.log.roles.values() else NOT_OURS,
-    ),
+    'finite numbers': (_not_finite, _without_states),
+    'missing states': (_gaps, _without_states),
+    'rejected inputs and reflexes': (_rejected, lambda run: '' if run.settings else NOT_OURS),
     'watchdog': (
         _watchdog,
         lambda run: '' if run.settings.get('command_timeout') else 'no command_timeout',
     ),
-    'failure of the simulation': (
-        _failure,
-        lambda run: '' if _totals(run) else 'no end record' if run.settings else NOT_OURS,
-    ),
+    'failure of the simulation': (_failure, lambda run: '' if _totals(run) else 'no end record'),
     'diagnostics': (
         _diagnostics,
         lambda run: '' if next(run.of_type(DIAGNOSTICS), None) else 'none recorded',
@@ -253,9 +258,9 @@ def find(run: Recorded) -> tuple[list[Finding], list[str], dict[str, str]]:
     last, end = _last_command(run), commands_end(run)
     if last is not None:
         text = f'the last command: none in the {run.span[1] - last:.3g} s that follow'
-        found.append(Finding('event', NOTE, '', text, _at(np.array([last]))))
+        found.append(Finding('event', NOTE, '', text, _at(last)))
     if end is not None:
-        rest = [x for x in found if x.time > end and x.kind != 'failure']
+        rest = [x for x in found if x.time > end and x.kind not in ('failure', 'reflex')]
         found = [replace(x, severity=NOTE) if x in rest else x for x in found]
     rank = (BAD, WARNING, NOTE).index
     return sorted(found, key=lambda x: (x.time, rank(x.severity))), made, lacking

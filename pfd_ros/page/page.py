@@ -42,7 +42,7 @@ TYPES = (JOINT_STATE, FLOAT_ARRAY, STRING, INERTIA, DIAGNOSTICS, TRANSITION)
 # Of one page: plots, spans of a kind, rows of the story.
 MOST_PLOTS, MOST_SPANS, MOST_ROWS = 40, 400, 60
 # Around the first finding, for the diagnosis of each joint [s], and samples of it.
-BEFORE, AFTER, MOST_DIAGNOSED = 20.0, 5.0, 1 << 16
+BEFORE, AFTER, FEWEST_STATES, MOST_DIAGNOSED = 20.0, 5.0, 3, 1 << 16
 
 
 class Moment(NamedTuple):
@@ -130,12 +130,16 @@ def _page(run: Recorded, marks: Sequence[Moment | Reference]) -> Page:
         run.notes[f'{len(plots) - MOST_PLOTS} more plots are not drawn'] = None
     cards = [
         _headline(run, said, severity, first, made, lacking),
-        *(_moment_card(moment) for moment in moments if moment.severity == BAD),
+        *(
+            _card(f'{m.label} at {m.time:.3f} s', f'<pre>{escape(m.text)}</pre>', 'mark')
+            for m in moments
+            if m.severity == BAD
+        ),
         _story(found),
         _table('Summary', _facts(run)),
         _list('Motion of each joint', _diagnosis(run, first, references)),
         _list('On this log', run.notes),
-        _settings(run),
+        _table('Settings that differ from the defaults', _settings(run)),
     ]
     lanes: dict[str, list[Any]] = {}
     for each in found:
@@ -187,30 +191,27 @@ def _headline(
     made: Sequence[str],
     lacking: dict[str, str],
 ) -> str:
-    body = f'<p class="what">{escape(said[:1].upper() + said[1:])}</p>'
+    title, body = 'Result', ''
+    if first is None or run.unreadable:
+        body = f'<p class="what">{escape(said[:1].upper() + said[1:])}</p>'
     if first is not None:
-        when = f'{_button(first.time)} {escape(first.kind)}'
-        joint = f'<b>{escape(first.joint)}</b> ' if first.joint else ''
-        first_text = f'<p class="when">{when}</p><p class="what">{joint}{escape(first.text)}</p>'
-        body = (body if run.unreadable else '') + first_text
-    body += f'<p class="small">Checked: {escape(", ".join(made))}.</p>'
+        title = 'What went wrong first'
+        body += f'<p class="when">{_button(first.time)} {escape(first.kind)}</p>'
+        body += f'<p class="what"><b>{escape(first.joint)}</b> {escape(first.text)}</p>'
+    lines = [f'Checked: {", ".join(made)}.']
     if lacking:
         reasons = '; '.join(f'{name} ({why})' for name, why in lacking.items())
-        body += f'<p class="small">Not checked: {escape(reasons)}.</p>'
-    return _card('What went wrong first' if first else 'Result', body, f'headline {severity}')
-
-
-def _moment_card(moment: Moment) -> str:
-    title = f'<h2>{escape(moment.label)} {_button(moment.time)}</h2>'
-    return f'<section class="card mark">{title}<pre>{escape(moment.text)}</pre></section>'
+        lines.append(f'Not checked: {reasons}.')
+    body += ''.join(f'<p class="small">{escape(line)}</p>' for line in lines)
+    return _card(title, body, f'headline {severity}')
 
 
 def _story(found: Sequence[Finding]) -> str:
     """Return a row for the first finding of each kind, with the other joints in one line."""
-    kinds: dict[str, list[Finding]] = {}
+    kinds: dict[tuple[str, str], list[Finding]] = {}
     for each in found:
         # Without a joint, texts differ in more than the time.
-        kinds.setdefault(each.kind if each.joint else f'{each.kind}\n{each.text}', []).append(each)
+        kinds.setdefault((each.kind, '' if each.joint else each.text), []).append(each)
     rows = [_story_row(*group) for group in list(kinds.values())[:MOST_ROWS]]
     if len(kinds) > MOST_ROWS:
         rows.append(f'<tr><td></td><td>and {len(kinds) - MOST_ROWS} more</td></tr>')
@@ -219,24 +220,19 @@ def _story(found: Sequence[Finding]) -> str:
 
 
 def _story_row(first: Finding, *others: Finding) -> str:
-    def times(finding: Finding) -> str:
-        return f' <small>&times;{len(finding.spans)}</small>' if len(finding.spans) > 1 else ''
+    def times(each: Finding) -> str:
+        return f' <small>&times;{len(each.spans)}</small>' if len(each.spans) > 1 else ''
 
-    joint = f'<b>{escape(first.joint)}</b> ' if first.joint else ''
-    kind = '' if first.text.startswith(first.kind.partition(' ')[0]) else f'{escape(first.kind)}: '
-    text = f'{joint}{kind}{escape(first.text)}{times(first)}'
-    if others:
-        then = ' '.join(
-            f'<span>{_button(other.time)} {escape(other.joint)}{times(other)}</span>'
-            for other in others
-        )
-        text += f'<p class="small">then {then}</p>'
+    kind = '' if first.joint else f'{first.kind}: '
+    text = f'<b>{escape(first.joint)}</b> {escape(kind + first.text)}{times(first)}'
+    then = (f'<span>{_button(x.time)} {escape(x.joint)}{times(x)}</span>' for x in others)
+    text += f'<p class="small">then {" ".join(then)}</p>' if others else ''
     return f'<tr class="{first.severity}"><td>{_button(first.time)}</td><td>{text}</td></tr>'
 
 
 def _table(title: str, rows: Iterable[tuple[str, str]]) -> str:
-    cells = (f'<tr><th>{escape(k)}</th><td>{escape(one_line(v))}</td></tr>' for k, v in rows)
-    return _card(title, f'<table>{"".join(cells)}</table>')
+    cells = [f'<tr><th>{escape(k)}</th><td>{escape(one_line(v))}</td></tr>' for k, v in rows]
+    return _card(title, f'<table>{"".join(cells)}</table>' if cells else '')
 
 
 def _list(title: str, lines: Iterable[str]) -> str:
@@ -275,18 +271,12 @@ def _origin(run: Recorded) -> str:
     return f't = 0 is {day:%Y-%m-%d %H:%M:%S} UTC'
 
 
-def _settings(run: Recorded) -> str:
-    """Return all settings, those first that differ from the defaults."""
+def _settings(run: Recorded) -> Iterator[tuple[str, str]]:
+    """Yield the settings that differ from the defaults."""
     defaults = json.loads(Settings().to_json())
-    changed = {k: v for k, v in run.settings.items() if v != defaults.get(k)}
-    rows = (
-        f'<tr><th>{escape(k)}</th><td>{f"<b>{text}</b>" if k in changed else text}</td></tr>'
-        for k, v in sorted(run.settings.items(), key=lambda row: (row[0] not in changed, row[0]))
-        for text in [escape(one_line(', '.join(map(str, v)) if isinstance(v, list) else v, 2000))]
-    )
-    summary = f'<summary>Settings: {len(changed)} differ from the defaults</summary>'
-    table = f'<details class="card">{summary}<table>{"".join(rows)}</table></details>'
-    return table if run.settings else ''
+    for name, value in sorted(run.settings.items()):
+        if value != defaults.get(name):
+            yield name, ', '.join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 def _diagnosis(
@@ -294,49 +284,36 @@ def _diagnosis(
 ) -> Iterator[str]:
     """Yield a line for each joint, on its motion around what went wrong first."""
     ended = commands_end(run)
-    end = np.inf if ended is None else ended
     for joints in run.joints:
-        if joints.period <= 0.0 or len(joints.time) < 3:
-            continue
         around = joints.time[-1] if first is None else first.time
         # After its last command the motion is not the controller's.
-        last = min(around + AFTER, end)
+        last = min(around + AFTER, np.inf if ended is None else ended)
         near = (joints.time >= around - BEFORE) & (joints.time <= last)
         near &= np.diff(joints.time, prepend=-np.inf) > 0.0
-        rows = np.flatnonzero(near)[-MOST_DIAGNOSED:]
         for j, name in enumerate(joints.names):
-            yield f'{name}: {_of_joint(run, joints, rows, j, references)}'
+            columns = [joints.values[item][:, j] for item in JOINT_FIELDS]
+            good = near & np.isfinite(columns[0]) & np.isfinite(columns[1])
+            target = next((r.at(name, joints.time) for r in references if name in r.names), None)
+            if target is not None:
+                good &= np.isfinite(target)
+            rows = np.flatnonzero(good)[-MOST_DIAGNOSED:]
+            if len(rows) >= FEWEST_STATES and joints.period > 0.0:
+                yield f'{name}: {_of_joint(run, joints, j, rows, target)}'
 
 
-def _of_joint(
-    run: Recorded, joints: Joints, rows: Array, j: int, references: Sequence[Reference]
-) -> str:
-    name, position, velocity = joints.names[j], *(joints.values[x] for x in JOINT_FIELDS[:2])
-    reference = next((x for x in references if name in x.names), None)
-    target = None if reference is None else reference.at(name, joints.time)
-    good = np.isfinite(position[rows, j])
-    good &= True if target is None else np.isfinite(target[rows])
-    if np.isfinite(velocity[rows, j]).any():
-        good &= np.isfinite(velocity[rows, j])
-    rows = rows[good]
-    if len(rows) < 3:
-        return 'too few states'
-    time, columns = joints.time[rows], [np.nan_to_num(x[rows, j]) for x in joints.values.values()]
-    if not np.isfinite(velocity[rows, j]).any():
-        columns[1] = np.gradient(columns[0], time)
-    none = np.array([[-np.inf], [np.inf]]).repeat(len(joints.names), axis=1)
-    limits = [
-        (item, column, *joints.bounds.get(item, none)[:, j].tolist())
-        for item, column in zip(JOINT_FIELDS, columns, strict=True)
-    ]
+def _of_joint(run: Recorded, joints: Joints, j: int, rows: Array, target: Array | None) -> str:
+    columns = [np.nan_to_num(joints.values[item][rows, j]) for item in JOINT_FIELDS]
+    none = np.full((2, len(joints.names)), [[-np.inf], [np.inf]])
+    ends = [joints.bounds.get(item, none)[:, j].tolist() for item in JOINT_FIELDS]
+    limits = [(*row, *pair) for *row, pair in zip(JOINT_FIELDS, columns, ends, strict=True)]
     with np.errstate(all='ignore'):
         text = symptoms(
-            time,
+            joints.time[rows],
             *columns,
             target=None if target is None else target[rows],
             limits=limits,
             period=joints.period,
-            commanded=not run.settings or name in run.commanded,
+            commanded=not run.settings or joints.names[j] in run.commanded,
         )
     return text if joints.bounds else text.removesuffix(', no limit reached')
 

@@ -736,7 +736,7 @@ def test_hostile_names_draw_without_errors(tmp_path: Path) -> None:
     out = tmp_path / 'page.html'
     shown(write_bag(tmp_path / 'a.mcap', rows)).write(out)
     with opened(out.absolute().as_uri(), tmp_path / 'browser') as page:
-        assert drawn(page) == 4
+        assert drawn(page) == 3
         assert page.value("document.querySelector('#joints button').textContent").startswith(
             '</script>'
         )

@@ -89,14 +89,15 @@ class Plot(NamedTuple):
 def commanded_positions(run: Recorded) -> Iterator[Reference]:
     """Yield the reference of each joint whose positions are commanded, one after the other.
 
-    It moves between positions that come within HELD of each other; others are held.
+    It moves between positions that come within HELD of each other; others are held. An arm without
+    servos ignores positions, and a controller may fill them with one number: no reference.
     """
-    found = run.of_role(NAMED)
+    found, servos = run.of_role(NAMED), any(run.settings.get('servo_p') or ())
     for j, name in enumerate(() if found is None else found.names):
         assert found is not None
         there = np.isfinite(found.position[:, j])
-        if there.any():
-            time, values = run.times(found)[there], found.position[there, j]
+        time, values = run.times(found)[there], found.position[there, j]
+        if len(time) and (servos or np.ptp(values) > 0.0):
             ends = np.append(time[1:], max(run.span[1], time[-1]))
             ends = np.where(ends - time > HELD, ends, time)
             steps = np.stack([time, ends], axis=1).ravel()

@@ -102,8 +102,7 @@ class DescribedRobot:
         if not settings.recording:
             return None
         try:
-            urdf = parsed_urdf(self.text, DESCRIPTION)
-            return LinkFrames(urdf, self.robot.joint_names, settings.locks, settings.tf_every)
+            return link_frames(self.text, settings, self.robot)
         except ValueError as error:
             report(f'no robot_description and no /tf in the recording: {error}')
             return None
@@ -118,13 +117,16 @@ def parsed_urdf(text: str, label: str) -> pfd.Urdf:
     return urdf
 
 
+def link_frames(text: str, settings: Settings, robot: pfd.Robot) -> LinkFrames:
+    """Return the frames of a URDF for an arm; ValueError if the text is not a URDF of a tree."""
+    urdf = parsed_urdf(text, DESCRIPTION)
+    return LinkFrames(urdf, robot.joint_names, settings.locks, settings.tf_every)
+
+
 def described_robot(settings: Settings, source: str | pfd.Urdf) -> DescribedRobot:
     """Return the robot of a source: a name, a path, the text of a URDF, or a URDF.
 
-    Raises
-    ------
-    ValueError
-        If it cannot be loaded, or a `<ros2_control>` block breaks a rule.
+    ValueError if it cannot be loaded, or a `<ros2_control>` block breaks a rule.
     """
     urdf = source if isinstance(source, pfd.Urdf) else pfd.read_urdf(source)
     if urdf is None:
@@ -146,10 +148,7 @@ def described_robot(settings: Settings, source: str | pfd.Urdf) -> DescribedRobo
 def load_robot(settings: Settings, source: str | pfd.Urdf) -> pfd.Robot:
     """Return the robot of a source with the ends and the locked joints that the settings name.
 
-    Raises
-    ------
-    ValueError
-        If it cannot be loaded; for a tree the text says which parameter makes it a chain.
+    ValueError if it cannot be loaded; for a tree it says which parameter makes it a chain.
     """
     try:
         return pfd.load_robot(
@@ -167,19 +166,9 @@ def load_robot(settings: Settings, source: str | pfd.Urdf) -> pfd.Robot:
 
 
 def read_ros2_control(urdf: pfd.Urdf, moving: Collection[str]) -> Ros2Control:
-    """Return the contents of the blocks of a URDF.
+    """Return the contents of the blocks of a URDF; ValueError if they break their format.
 
-    Parameters
-    ----------
-    urdf
-        The URDF.
-    moving
-        The joints of the arm; hardware without any of them belongs to another arm.
-
-    Raises
-    ------
-    ValueError
-        If a block breaks its format, or two of them disagree.
+    `moving` are the joints of the arm; hardware without any of them belongs to another arm.
     """
     hardware: set[tuple[str, str, float]] = set()
     ragged: set[str] = set()
@@ -242,17 +231,7 @@ def _number(label: str, text: str) -> float:
 def with_initial_values(
     settings: Settings, moving: Collection[str], control: Ros2Control
 ) -> Settings:
-    """Return settings with the positions of the blocks where none are given.
-
-    Parameters
-    ----------
-    settings
-        Settings from the parameters.
-    moving
-        The joints of the arm, in the order of the model.
-    control
-        The blocks of its URDF.
-    """
+    """Return settings with the positions of the blocks where none are given."""
     at = control.positions
     chosen: dict[str, Any] = {}
     if not settings.initial_positions and not at.keys().isdisjoint(moving):

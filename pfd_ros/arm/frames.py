@@ -77,7 +77,7 @@ class LinkFrames:
             )
         self._text = urdf.text
         self.every = every
-        rules = joint_rules(urdf, moving, locked)
+        rules = _rules(urdf, moving, locked)
         joints = urdf.joints.values()
         moved = [joint for joint in joints if rules[joint.name].leader is not None]
         fixed = [joint for joint in joints if rules[joint.name].leader is None]
@@ -86,11 +86,11 @@ class LinkFrames:
         self._sources = np.array([places[str(rule.leader)] for rule in followed], np.intp)
         self._factors = np.array([rule.multiplier for rule in followed], float)
         self._offsets = np.array([rule.offset for rule in followed], float)
-        self._transforms = JointTransforms(moved)
+        self._transforms = _Transforms(moved)
         self._encoder = TransformEncoder([(joint.parent, joint.child) for joint in moved])
         self._fixed_encoder = TransformEncoder([(joint.parent, joint.child) for joint in fixed])
         positions = np.array([rules[joint.name].offset for joint in fixed], float)
-        self._fixed_numbers = JointTransforms(fixed).at(positions)
+        self._fixed_numbers = _Transforms(fixed).at(positions)
         present = {DESCRIPTION: True, TF_STATIC: every and fixed, TF: every and moved}
         self.roles = frozenset(role for role, there in present.items() if there)
 
@@ -108,26 +108,18 @@ class LinkFrames:
         return self._encoder.encode(stamp_ns, self._transforms.at(positions))
 
 
-def joint_rules(
-    urdf: pfd.Urdf, moving: Sequence[str], locked: Mapping[str, float]
-) -> dict[str, JointRule]:
+def _rules(urdf: pfd.Urdf, moving: Sequence[str], locked: Mapping[str, float]) -> dict[str, _Rule]:
     """Return the rule for the position of each joint of a URDF, by name.
 
-    Parameters
-    ----------
-    urdf
-        The model.
-    moving
-        Names of the joints with known positions; joints that mimic them follow.
-    locked
-        Position of each locked joint, rad or m; other names are ignored. Other joints are at 0.
+    Joints that mimic one in `moving` follow it. Locked joints have their positions, and others
+    are at 0.
     """
-    rules: dict[str, JointRule] = {}
+    rules: dict[str, _Rule] = {}
     for name in urdf.joints:
         if name in moving:
-            rules[name] = JointRule(name, 1.0, 0.0)
+            rules[name] = _Rule(name, 1.0, 0.0)
         elif name in locked:
-            rules[name] = JointRule(None, 0.0, locked[name])
+            rules[name] = _Rule(None, 0.0, locked[name])
     # Of joints that mimic others that mimic others, each round finds some.
     following = True
     while following:
@@ -137,14 +129,14 @@ def joint_rules(
             if mimic is not None and joint.name not in rules and mimic.leader in rules:
                 leader, multiplier, offset = rules[mimic.leader]
                 factor = mimic.multiplier
-                rules[joint.name] = JointRule(
+                rules[joint.name] = _Rule(
                     leader, factor * multiplier, factor * offset + mimic.offset
                 )
                 following = True
-    return {name: rules.get(name, JointRule(None, 0.0, 0.0)) for name in urdf.joints}
+    return {name: rules.get(name, _Rule(None, 0.0, 0.0)) for name in urdf.joints}
 
 
-class JointRule(NamedTuple):
+class _Rule(NamedTuple):
     """The position of a joint: multiplier * the leader's + offset, or offset without one."""
 
     leader: str | None
@@ -152,7 +144,7 @@ class JointRule(NamedTuple):
     offset: float
 
 
-class JointTransforms:
+class _Transforms:
     """The transforms of k joints, from parent to child link, as functions of their positions."""
 
     def __init__(self, joints: Sequence[Any]) -> None:

@@ -19,10 +19,9 @@ import zlib
 
 import numpy as np
 
-from pfd_ros.arm.description import parsed_urdf
+from pfd_ros.arm.description import link_frames
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import ASIDES, DESCRIPTION, INPUTS, REJECTED, ROLES, Message
-from pfd_ros.arm.frames import LinkFrames
+from pfd_ros.arm.events import ASIDES, INPUTS, REJECTED, ROLES, Message
 from pfd_ros.messages.definitions import known_types
 from pfd_ros.recording.format import EndKey, LogError, damage_named
 from pfd_ros.recording.log import Log
@@ -80,11 +79,9 @@ def verify(path: Path | str, expansion: float = EXPANSION) -> Verified:
 
 def recorded_engine(log: Log) -> Engine:
     """Return the engine of a recording at the start of its run."""
-    settings, frames = log.settings, None
-    if log.description:
-        urdf = parsed_urdf(log.description, DESCRIPTION)
-        frames = LinkFrames(urdf, log.robot.joint_names, settings.locks, settings.tf_every)
-    return Engine(settings, log.robot, log.topics, frames)
+    text = log.description
+    frames = link_frames(text, log.settings, log.robot) if text else None
+    return Engine(log.settings, log.robot, log.topics, frames)
 
 
 def _verified(log: Log, engine: Engine) -> Verified:

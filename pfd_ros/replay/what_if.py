@@ -23,12 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
-from pfd_ros.arm.description import parsed_urdf
+from pfd_ros.arm.description import link_frames
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import (
     CLOCK,
     CLOCK_TICKS,
-    DESCRIPTION,
     INPUTS,
     PAYLOAD_IN_USE,
     REJECTED,
@@ -37,7 +36,6 @@ from pfd_ros.arm.events import (
     TIP_WRENCH,
     Message,
 )
-from pfd_ros.arm.frames import LinkFrames
 from pfd_ros.arm.settings import (
     SIMULATED,
     Settings,
@@ -339,10 +337,7 @@ def _of_bag(
 
 
 def _engine(case: _Case, settings: Settings) -> Engine:
-    frames = None
-    if case.urdf:
-        urdf = parsed_urdf(case.urdf, DESCRIPTION)
-        frames = LinkFrames(urdf, case.robot.joint_names, settings.locks, settings.tf_every)
+    frames = link_frames(case.urdf, settings, case.robot) if case.urdf else None
     roles = {*INPUTS, REJECTED, REJECTED_COUNTS, PAYLOAD_IN_USE, STATES, *settings.outputs}
     roles |= {TIP_WRENCH} if settings.external_wrench else set()
     roles |= {CLOCK} if settings.publish_clock else set()

@@ -26,12 +26,10 @@ from pfd_ros.arm.state import ACTED, BRAKE, EFFORT, POSITION, State
 
 
 class Arm:
-    """An arm at the start of a run.
+    """An arm at the start of a run; ValueError if the settings do not go with the robot.
 
     Attributes
     ----------
-    state
-        Everything that changes while the arm runs.
     names, order, place
         The name and the index in the model of each joint, in published order; index by name.
     locked
@@ -40,11 +38,6 @@ class Arm:
         Positions (n,) in model order, rad or m, before the first step and after a reset.
     plant, actuators, sensors, link
         What follows from the settings now; no sensors where states are measured exactly.
-
-    Raises
-    ------
-    ValueError
-        If the settings do not go with the robot.
     """
 
     def __init__(self, settings: Settings, robot: pfd.Robot) -> None:
@@ -58,10 +51,10 @@ class Arm:
         check_joints_without_values(settings, robot, self.names)
         same = list(self.order) == list(range(robot.n))
         self.all_joints: Any = slice(None) if same else self.order
-        if len(settings.initial_positions) not in (0, robot.n):
+        given = len(settings.initial_positions)
+        if given not in (0, robot.n):
             raise ValueError(
-                f'initial_positions holds {len(settings.initial_positions)} numbers, expected '
-                f'{robot.n}, one for each of {list(self.names)}, or none'
+                f'initial_positions holds {given} numbers, expected {robot.n} or none'
             )
         self.start = in_model_order(settings.initial_positions, self.order)
         self.plants = Plants(settings, robot, self.order)
@@ -108,7 +101,6 @@ class Arm:
         """Take over what follows from the settings, and bind native code to the state."""
         self.plant, self.actuators, self.link = plant, driven, Link(self.state.settings)
         self.sensors = None if sensors.exact else sensors
-        self._exact = sensors.exact and isinstance(self.all_joints, slice)
         # Whether each cycle has to look at the link and at the wrench, and whether the next one
         # tells about the payload.
         self.watched, self.wrenched = not self.link.idle, plant.scene.external_wrench
@@ -141,19 +133,11 @@ class Arm:
 
     def measured(self) -> NDArray[Any]:
         """Return measured positions, velocities and efforts, (3, n), published order."""
-        found: NDArray[Any] = self.shown().copy()
-        return found
-
-    def shown(self) -> NDArray[Any]:
-        """Return the same, which may be a row that is overwritten."""
         state = self.state
-        row: NDArray[Any] = state.rows[state.now]
-        if self._exact:
-            return row
-        if self.sensors is not None:
-            row = self.sensors.measured(state)
-        published: NDArray[Any] = row[:, self.all_joints]
-        return published
+        row = state.rows[state.now] if self.sensors is None else self.sensors.measured(state)
+        # A copy: rows are overwritten.
+        found: NDArray[Any] = row[:, self.all_joints].copy()
+        return found
 
     def discard_commands(self, *, brake: bool = False) -> None:
         """Drop all commands from before the next step; the brakes are closed or as they are."""

@@ -6,14 +6,12 @@ A joint is braked until the first command with a number for it. An effort alone 
 force; a position, a velocity or both are the target of its servo, and an effort beside them is fed
 forward. NaN keeps the last number of its kind, since drivers send it before a controller has
 claimed the joint; an empty array means none. Infinity refuses the message. In commands without
-names every number must be finite.
-
-Names that the arm has not are ignored, and counted, beside names that it has.
+names every number must be finite. Names that the arm has not are ignored, and counted, beside
+names that it has.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
 import math
 from typing import Any
 
@@ -21,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.events import ALL_NAN, LOCKED_JOINTS, OVERWRITTEN, Ruling, Verdict
+from pfd_ros.arm.events import LOCKED_JOINTS, OVERWRITTEN, Change, RefusedError, Verdict
 from pfd_ros.arm.state import BRAKE, EFFORT, POSITION, VELOCITY
 from pfd_ros.messages.joints import JOINT_FIELDS, Joints, decode_joints
 from pfd_ros.messages.text_and_arrays import decode_floats
@@ -30,126 +28,110 @@ from pfd_ros.text import listed
 # Farther and faster than any joint goes, rad or m, rad/s or m/s; a simulation from there, or a
 # servo to it, would not stay finite.
 LARGEST_POSITION, LARGEST_VELOCITY = 1e6, 1e4
-# A free-running arm notes stamps that are so far ahead of it, ns: no clock is that wrong.
+# A free-running arm remarks stamps that are so far ahead of it, ns: no clock is that wrong.
 FAR_AHEAD_NS = 1_000_000_000
+Remarks = tuple[Verdict, ...]
 
 
-def array(arm: Arm, data: bytes) -> Ruling:
+def array(arm: Arm, data: bytes) -> Change:
     """Check a command without names: one finite effort for each joint, published order."""
     efforts = decode_floats(data)
     if len(efforts) != len(arm.names):
-        return Verdict('wrong_size', f'{len(efforts)} numbers for {len(arm.names)} joints')
+        raise RefusedError('wrong_size', f'{len(efforts)} numbers for {len(arm.names)} joints')
     # The terms of a finite sum are finite; for a few joints faster than NumPy.
     if not math.isfinite(sum(efforts.tolist())) and not np.isfinite(efforts).all():
-        return Verdict('not_finite', 'contains a number that is not finite')
+        raise RefusedError('not_finite', 'contains a number that is not finite')
     if arm.state.tripped:
-        return Verdict('refused', arm.state.tripped)
+        raise RefusedError('refused', arm.state.tripped)
     return command, (arm.all_joints, efforts)
 
 
-def named(arm: Arm, data: bytes) -> Ruling:
+def named(arm: Arm, data: bytes) -> Change:
     """Check a command by joint name."""
-    joints = decode_joints(data)
-    names, servo, place = joints.names, arm.actuators.servo, arm.place
-    if not names:
-        return Verdict('no_names', 'no joint names; ~/commands takes efforts without names')
-    broken = broken_rule(joints, arm.state.since_ns)
-    if broken is not None:
-        return broken
-    ahead = _ahead(arm, joints.stamp_ns)
-    if ahead is not None and arm.lockstep:
-        return ahead
-    remarks: tuple[Verdict, ...] = () if ahead is None else (ahead,)
+    joints, place = decode_joints(data), arm.place
+    if not joints.names:
+        raise RefusedError('no_names', 'no joint names; ~/commands takes efforts without names')
+    check_joints(joints, arm.state.since_ns)
+    remarks = _ahead(arm, joints.stamp_ns)
     kinds = [kind for kind in JOINT_FIELDS if len(getattr(joints, kind))]
-    if 'effort' not in kinds and (not servo or not kinds):
+    if 'effort' not in kinds and not (arm.actuators.servo and kinds):
         only = f', got only {" and ".join(kinds)}' if kinds else ''
-        return Verdict('no_effort', f'expected one effort for each name{only}')
-    known = [k for k, name in enumerate(names) if name in place]
-    if len(known) < len(names):
-        others = [name for name in names if name not in place]
-        strange = [name for name in others if name not in arm.locked]
-        welded = _commanded(joints, arm.locked, servo)
-        if len(strange) == len(names):
-            return Verdict('unknown_names', f'none of {listed(strange)} is a joint of the arm')
-        if not known:
-            return Verdict('refused', f'locked: {listed(welded)}') if welded else ALL_NAN
-        if strange:
-            remarks += (Verdict('unknown_names', f'unknown joints {listed(strange)}'),)
-        if welded:
-            remarks += (Verdict(LOCKED_JOINTS, f'locked: {listed(welded)}'),)
-    index = [place[names[k]] for k in known]
-    found = _numbers(arm, joints, known, index)
-    if isinstance(found, Verdict):
-        return found
+        raise RefusedError('no_effort', f'expected one effort for each name{only}')
+    known = [k for k, name in enumerate(joints.names) if name in place]
+    if len(known) < len(joints.names):
+        remarks += _others(arm, joints)
+    numbers = _numbers(arm, joints, known, [place[joints.names[k]] for k in known])
     if arm.state.tripped:
-        return Verdict('refused', arm.state.tripped)
-    return command, (*found, remarks)
+        raise RefusedError('refused', arm.state.tripped)
+    return command, (*numbers, remarks)
 
 
-def _ahead(arm: Arm, stamp_ns: int) -> Verdict | None:
-    """Return the verdict about a stamp that is later than the state of the arm."""
-    state = arm.state
-    now_ns = arm.stamp_ns
-    if state.until_ns is not None:
-        now_ns = max(now_ns, state.until_ns)
-    if stamp_ns <= (now_ns if arm.lockstep else now_ns + FAR_AHEAD_NS):
-        return None
-    return Verdict(
-        'future',
-        f'stamp {stamp_ns} ns, the arm is at {now_ns} ns: set use_sim_time of the sender to true',
+def _ahead(arm: Arm, stamp_ns: int) -> Remarks:
+    """Return a remark about a stamp far after the arm's; in lockstep none may be after it."""
+    now_ns = max(arm.stamp_ns, arm.state.until_ns or 0)
+    if stamp_ns <= now_ns + (0 if arm.lockstep else FAR_AHEAD_NS):
+        return ()
+    why = f'stamp {stamp_ns} ns, the arm is at {now_ns} ns: set use_sim_time of the sender to true'
+    if arm.lockstep:
+        raise RefusedError('future', why)
+    return (Verdict('future', why),)
+
+
+def _others(arm: Arm, joints: Joints) -> Remarks:
+    """Return remarks about names in a command that no moving joint has, if others have one."""
+    others = [(k, name) for k, name in enumerate(joints.names) if name not in arm.place]
+    strange = [name for _, name in others if name not in arm.locked]
+    kinds = JOINT_FIELDS if arm.actuators.servo else ('effort',)
+    arrays = [values for values in (getattr(joints, kind) for kind in kinds) if len(values)]
+    welded = [
+        name
+        for k, name in others
+        if name in arm.locked and any(values[k] == values[k] for values in arrays)
+    ]
+    if len(strange) == len(joints.names):
+        raise RefusedError('unknown_names', f'none of {listed(strange)} is a joint of the arm')
+    if welded and len(others) == len(joints.names):
+        raise RefusedError('refused', f'locked: {listed(welded)}')
+    found = ('unknown_names', 'unknown joints', strange), (LOCKED_JOINTS, 'locked:', welded)
+    return tuple(
+        Verdict(label, f'{what} {listed(names)}') for label, what, names in found if names
     )
 
 
-def _commanded(joints: Joints, among: Collection[str], servo: bool) -> list[str]:
-    """Return the names among some joints for which a message has a number that counts."""
-    arrays = (joints.position, joints.velocity, joints.effort) if servo else (joints.effort,)
-    kinds = [values for values in arrays if len(values)]
-    return [
-        name
-        for k, name in enumerate(joints.names)
-        if name in among and any(values[k] == values[k] for values in kinds)
-    ]
+def _numbers(arm: Arm, joints: Joints, known: list[int], index: list[int]) -> tuple[Any, ...]:
+    """Return the places in the model, efforts, positions and velocities of joints with a number.
 
-
-def _numbers(arm: Arm, joints: Joints, known: list[int], index: list[int]) -> Any:
-    """Check the numbers of a command for the joints that the arm has.
-
-    `known` and `index` are the places of these joints in the command and in the model. Returns the
-    verdict on broken rules, or of the joints with a number their places in the model, and effort,
-    position and velocity, with NaN for no number, or None if the command has none of its kind.
+    `known` and `index` are the places in the command and in the model of the joints that the arm
+    has. NaN is no number, and None stands for a kind that the command has not.
     """
-    servo, gains = arm.actuators.servo, arm.actuators
-    if not servo and math.isfinite(sum(joints.effort.tolist())):  # as almost always
+    driven = arm.actuators
+    if not driven.servo and math.isfinite(sum(joints.effort.tolist())):  # as almost always
         return index, joints.effort[known], None, None
-    places = np.array(index)
-    none = np.full(len(known), np.nan)
+    places, none = np.array(index, int), np.full(len(known), np.nan)
     effort, position, velocity = (
         values[known] if len(values) else none
         for values in (joints.effort, joints.position, joints.velocity)
     )
-    if servo:
-        far = too_far(position, velocity)
-        if far is not None:
-            return far
-        # NaN is the one number that differs from itself: no command.
+    # NaN is the one number that differs from itself: no command.
+    given = effort == effort
+    if driven.servo:
+        check_reach(position, velocity)
         asked = (position == position) | (velocity == velocity)
-        position = np.where(gains.p[places] > 0.0, position, np.nan)
-        velocity = np.where(gains.d[places] > 0.0, velocity, np.nan)
-        given = (effort == effort) | (position == position) | (velocity == velocity)
-        if (asked & ~given).any():
-            idle = [joints.names[known[k]] for k in np.flatnonzero(asked & ~given)]
-            return Verdict(
+        position = np.where(driven.p[places] > 0.0, position, np.nan)
+        velocity = np.where(driven.d[places] > 0.0, velocity, np.nan)
+        given |= (position == position) | (velocity == velocity)
+        idle = [joints.names[known[k]] for k in np.flatnonzero(asked & ~given)]
+        if idle:
+            raise RefusedError(
                 'no_effort', f'no effort for {listed(idle)}, and no servo gain for their targets'
             )
-    else:
-        given = effort == effort
     if not given.any():
-        return ALL_NAN
+        raise RefusedError('all_nan', 'every number is NaN')
     return (
         places[given],
         effort[given] if len(joints.effort) else None,
-        position[given] if servo and len(joints.position) else None,
-        velocity[given] if servo and len(joints.velocity) else None,
+        position[given] if driven.servo and len(joints.position) else None,
+        velocity[given] if driven.servo and len(joints.velocity) else None,
     )
 
 
@@ -159,17 +141,12 @@ def command(
     effort: NDArray[Any] | None,
     position: NDArray[Any] | None = None,
     velocity: NDArray[Any] | None = None,
-    remarks: tuple[Verdict, ...] = (),
-) -> tuple[Verdict, ...]:
-    """Let a command act on some joints, or be lost; return what there is to remark.
+    remarks: Remarks = (),
+) -> Remarks:
+    """Let a command act on joints, an index of k in the model, or be lost; return all remarks.
 
-    Parameters
-    ----------
-    joints
-        Their places in the model, as an index of k elements.
-    effort, position, velocity
-        Their numbers (k,), N m, rad, rad/s or N, m, m/s. NaN keeps the last one, None is no
-        feed-forward and no target.
+    Efforts, positions and velocities are (k,), N m, rad, rad/s or N, m, m/s. NaN keeps the last
+    one, None is no feed-forward and no target.
     """
     state, link = arm.state, arm.link
     state.sent += 1
@@ -208,51 +185,44 @@ def command(
     return remarks
 
 
-def _overwritten(arm: Arm, joints: Any) -> tuple[Verdict, ...]:
-    """Note the joints of a second command for one cycle; return a remark if some are again."""
+def _overwritten(arm: Arm, joints: Any) -> Remarks:
+    """Note the joints of a second command for one cycle; remark those that come again."""
     state, every = arm.state, np.arange(len(arm.names))
     again = np.intersect1d(every[state.touched], every[joints])
     state.touched = np.union1d(every[state.touched], every[joints])
     if not len(again):
         return ()
-    names = [arm.robot.joint_names[k] for k in again]
-    return (Verdict(OVERWRITTEN, f'{listed(names)} commanded again before the next step'),)
+    names = listed([arm.robot.joint_names[k] for k in again])
+    return (Verdict(OVERWRITTEN, f'{names} commanded again before the next step'),)
 
 
-def broken_rule(joints: Joints, since_ns: int | None = None) -> Verdict | None:
-    """Return the rule about arrays, stamp or names that a message by joint name breaks.
+def check_joints(joints: Joints, since_ns: int | None = None) -> None:
+    """Check arrays, stamp and names of a message by joint name.
 
-    Parameters
-    ----------
-    joints
-        The message.
-    since_ns
-        Messages stamped before this time are stale. Stamp 0 means now; None accepts any stamp.
+    A stamp before `since_ns` is stale; 0 means now, and None accepts any.
     """
     names = joints.names
     for kind in JOINT_FIELDS:
         values = getattr(joints, kind)
         if len(values) not in (0, len(names)):
-            return Verdict('ragged', f'{len(names)} names and {len(values)} numbers in {kind}')
+            raise RefusedError('ragged', f'{len(names)} names and {len(values)} numbers in {kind}')
         # The terms of a finite sum are finite; for a few joints faster than NumPy.
         if not math.isfinite(sum(values.tolist())) and np.isinf(values).any():
-            return Verdict('infinite', f'{kind} contains inf')
+            raise RefusedError('infinite', f'{kind} contains inf')
     if since_ns is not None and 0 != joints.stamp_ns < since_ns:
-        return Verdict('stale', f'stamp {joints.stamp_ns} ns, expected {since_ns} ns or later')
+        raise RefusedError('stale', f'stamp {joints.stamp_ns} ns, expected {since_ns} ns or later')
     if len(set(names)) < len(names):
-        return Verdict('duplicate_names', 'a joint is named twice')
-    return None
+        raise RefusedError('duplicate_names', 'a joint is named twice')
 
 
-def too_far(position: NDArray[Any], velocity: NDArray[Any]) -> Verdict | None:
-    """Return the verdict about positions and velocities that no joint can have."""
+def check_reach(position: NDArray[Any], velocity: NDArray[Any]) -> None:
+    """Refuse positions and velocities that no joint can have."""
     for kind, values, bound in (
         ('position', position, LARGEST_POSITION),
         ('velocity', velocity, LARGEST_VELOCITY),
     ):
         beyond = values[np.abs(values) > bound]
         if len(beyond):
-            return Verdict(
+            raise RefusedError(
                 'refused', f'{kind} {beyond[0]:g}, expected {bound:g} at most in magnitude'
             )
-    return None

@@ -10,30 +10,20 @@ cycle. While the arm waits (in a pause, in lockstep for an answer, for a tick of
 events are taken and no cycle runs. The same events in the same cycles give the same bytes: a
 recording of the returned messages in their order is a proof of the run.
 
-A rule changes nothing: it returns a verdict, or the function that changes the state with its
-arguments. So whatever it raises, the state is as it was; and a rule that is called on another
-thread ahead, with its result thrown away, has compiled all that the change needs.
+A rule changes nothing: it returns the function that changes the state, with its arguments. So
+whatever it raises, the state is as it was; and a rule that is called on another thread ahead, with
+its result thrown away, has compiled all that the change needs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from copy import deepcopy
-from dataclasses import fields
 
 import pfd_core as pfd
 from pfd_ros.arm import commands, events, other_inputs, refusals, wrench
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.events import (
-    ACCEPTED,
-    ALL,
-    COMMANDS,
-    INACTIVE,
-    MOVING,
-    Message,
-    Ruling,
-    Verdict,
-)
+from pfd_ros.arm.events import ACCEPTED, ALL, COMMANDS, Change, Message, RefusedError, Verdict
 from pfd_ros.arm.frames import LinkFrames
 from pfd_ros.arm.outputs import Outputs
 from pfd_ros.arm.settings import Settings
@@ -41,7 +31,7 @@ from pfd_ros.arm.state import State
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.text import cut
 
-RULES: dict[str, Callable[[Arm, bytes], Ruling]] = {
+RULES: dict[str, Callable[[Arm, bytes], Change]] = {
     events.NAMED: commands.named,
     events.ARRAY: commands.array,
     events.SET_STATE: other_inputs.set_state,
@@ -56,7 +46,9 @@ LARGEST = 1 << 16
 # The largest time of a stamp, ns: its seconds have 31 bits.
 LAST_NS = (1 << 31) * NANOSECONDS - 1
 # Settings that may differ between the run that saved a state and the run that continues from it.
-PER_RUN = frozenset({'start_time', 'real_time_factor', 'recording'})
+PER_RUN = frozenset(
+    {'start_time', 'real_time_factor', 'recording', 'recording_time', 'recording_tf_rate'}
+)
 
 
 class Engine(Arm):
@@ -121,26 +113,12 @@ class Engine(Arm):
         return deepcopy(self.state)
 
     def restore(self, state: State) -> None:
-        """Continue from a copy of a state.
-
-        Raises
-        ------
-        ValueError
-            If the state is of another robot, or of an arm with other settings at its start.
-        """
-        if state.robot != self.state.robot:
-            raise ValueError(
-                f'the state is of a robot with the digest {state.robot[:12]!r}, expected '
-                f'{cut(self.robot.name)!r} with {self.state.robot[:12]!r}'
-            )
-        names = [f.name for f in fields(Settings) if f.name not in PER_RUN]
-        theirs, ours = ([getattr(x.first, name) for name in names] for x in (state, self.state))
-        for name, their, our in zip(names, theirs, ours, strict=True):
-            if their != our and not name.startswith('recording_'):
-                raise ValueError(
-                    f'the state is of an arm with {name}={cut(repr(their))}, expected '
-                    f'{cut(repr(our))}'
-                )
+        """Continue from a copy of a state; ValueError for one of another arm."""
+        theirs, ours = ({**vars(x.first), 'digest': x.robot} for x in (state, self.state))
+        for name, value in ours.items():
+            if name not in PER_RUN and theirs[name] != value:
+                found, wanted = cut(repr(theirs[name])), cut(repr(value))
+                raise ValueError(f'the state is of an arm with {name}={found}, expected {wanted}')
         plant = self.plants.prepare(state.settings)
         self.state = deepcopy(state)
         self.follow_settings(plant)
@@ -176,36 +154,39 @@ class Engine(Arm):
         """Check an event and let it act; add its messages, and return its verdict."""
         state = self.state
         waited = state.waits
-        ruling: Ruling
-        if len(data) > LARGEST:
-            ruling = Verdict('malformed', f'{len(data)} bytes, expected {LARGEST} at most')
-            # As much of it as a replay needs to refuse it, too.
-            data = data[: LARGEST + 1]
-        elif not state.active and role in MOVING:
-            ruling = INACTIVE
+        verdict = ACCEPTED
+        try:
+            change, arguments = self._checked(role, data)
+        except MemoryError:
+            raise
+        except Exception as error:  # a rule has changed nothing
+            verdict = error.verdict if isinstance(error, RefusedError) else events.malformed(error)
         else:
-            try:
-                ruling = RULES[role](self, data)
-            except MemoryError:
-                raise
-            except Exception as error:  # a rule has changed nothing
-                ruling = events.malformed(error)
-        if isinstance(ruling, Verdict):
-            verdict = ruling
-        else:
-            change, arguments = ruling
             remarks = change(self, *arguments)
-            verdict = self._remarked(role, remarks) if remarks else ACCEPTED
+            if remarks:
+                verdict = self._remarked(role, remarks)
         if self.lockstep and role in COMMANDS and verdict.label in events.ANSWERS:
             state.commanded |= verdict.accepted
             state.waits = False
-        if not verdict.accepted:
-            event, changed = Message(role, data, state.cycle + 1), state.waits != waited
-            found = refusals.refusal(state, event, verdict, changed=changed)
-            messages += [m for m in found if m.role in self.roles]
-        elif role in self._inputs:
-            messages.append(Message(role, data, state.cycle + 1))
+        if role not in self._inputs and verdict.accepted:
+            return verdict
+        # Of a long one as much as a replay needs to refuse it, too.
+        event = Message(role, data[: LARGEST + 1], state.cycle + 1)
+        if verdict.accepted:
+            messages.append(event)
+        else:
+            found = refusals.refusal(state, event, verdict, changed=state.waits != waited)
+            # A rejection without its input would be no proof.
+            messages += [m for m in found if {m.role, role} <= self.roles]
         return verdict
+
+    def _checked(self, role: str, data: bytes) -> Change:
+        """Return what the rule of an event returns, or raise what it raises."""
+        if len(data) > LARGEST:
+            raise RefusedError('malformed', f'{len(data)} bytes, expected {LARGEST} at most')
+        if not self.state.active and role in events.MOVING:
+            raise RefusedError(*events.INACTIVE[:2])
+        return RULES[role](self, data)
 
     def _remarked(self, role: str, remarks: tuple[Verdict, ...]) -> Verdict:
         """Count the remarks about an accepted event; return its verdict."""

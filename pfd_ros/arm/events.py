@@ -50,9 +50,19 @@ class Verdict(NamedTuple):
         return self.label == 'accepted'
 
 
-# What a rule returns: a verdict, or a function of the arm with the arguments of its call. The
-# function changes the state, and returns the remarks, if there are any.
-Ruling: TypeAlias = Verdict | tuple[Callable[..., tuple[Verdict, ...] | None], tuple[Any, ...]]
+# What a rule returns: a function of the arm, and the other arguments of its call. It changes the
+# state, and returns remarks, if there are any.
+Change: TypeAlias = tuple[Callable[..., tuple[Verdict, ...] | None], tuple[Any, ...]]
+
+
+class RefusedError(Exception):
+    """An input broke a rule."""
+
+    def __init__(self, label: str, detail: str) -> None:
+        super().__init__(detail)
+        self.verdict = Verdict(label, detail)
+
+
 LABELS = (
     *('accepted', 'malformed', 'no_names', 'ragged', 'infinite', 'stale', 'future'),
     *('duplicate_names', 'no_effort', 'unknown_names', 'all_nan', 'wrong_size', 'not_finite'),

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from pfd_ros.arm import wrench
 from pfd_ros.arm.actuators import Actuators
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.commands import broken_rule, too_far
-from pfd_ros.arm.events import ALL_NAN, MOST_STEPS, Ruling, Verdict
+from pfd_ros.arm.commands import check_joints, check_reach
+from pfd_ros.arm.events import MOST_STEPS, Change, RefusedError
 from pfd_ros.arm.plant import Plant, with_own_effects
 from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD
 from pfd_ros.arm.sensors import Sensors
@@ -55,7 +55,7 @@ def encode_changes(values: Mapping[str, Any]) -> bytes:
     return encode_string(json.dumps(dict(values)))
 
 
-def request(arm: Arm, data: bytes) -> Ruling:
+def request(arm: Arm, data: bytes) -> Change:
     """Check a request in JSON."""
     text, state = decode_string(data), arm.state
     if len(text) > LONGEST_REQUEST:
@@ -70,9 +70,9 @@ def request(arm: Arm, data: bytes) -> Ruling:
     if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST_STEPS:
         raise ValueError(f'count is {cut(repr(count))}, expected 1 to {MOST_STEPS}')
     if name in ('step', 'reset') and not state.active:
-        return Verdict('refused', f'{name}: the arm is inactive')
+        raise RefusedError('refused', f'{name}: the arm is inactive')
     if name == 'step' and not state.paused:
-        return Verdict('refused', 'step: the arm is not paused')
+        raise RefusedError('refused', 'step: the arm is not paused')
     return _requested, (name, count)
 
 
@@ -108,7 +108,7 @@ def _reset(arm: Arm) -> None:
     wrench.clear(state)
 
 
-def set_state(arm: Arm, data: bytes) -> Ruling:
+def set_state(arm: Arm, data: bytes) -> Change:
     """Check a state to jump to.
 
     With NaN or an empty array a position is unchanged and a velocity is zero. Locked joints stay
@@ -118,23 +118,19 @@ def set_state(arm: Arm, data: bytes) -> Ruling:
     joints = decode_joints(data)
     names, place, state = joints.names, arm.place, arm.state
     if not names:
-        return Verdict('no_names', 'no joint names')
-    broken = broken_rule(joints)
-    if broken is not None:
-        return broken
+        raise RefusedError('no_names', 'no joint names')
+    check_joints(joints)
     if not len(joints.position):
         raise ValueError('no positions; expected a position for each joint that is named')
     velocity = joints.velocity if len(joints.velocity) else np.zeros(len(names))
     strange = [name for name in names if name not in place and name not in arm.locked]
     if strange:
         # Unlike a command, a state must not name unknown joints.
-        return Verdict('unknown_names', f'unknown joints {listed(strange)}')
-    far = too_far(joints.position, velocity)
-    if far is not None:
-        return far
+        raise RefusedError('unknown_names', f'unknown joints {listed(strange)}')
+    check_reach(joints.position, velocity)
     given = [k for k, q in enumerate(joints.position.tolist()) if q == q and names[k] in place]
     if not given:
-        return Verdict(ALL_NAN.label, 'no position for any moving joint')
+        raise RefusedError('all_nan', 'no position for any moving joint')
     target = (state.rows[state.now, :2] if state.jump is None else state.jump).copy()
     velocity = np.where(velocity == velocity, velocity, 0.0)
     target[:, [place[names[k]] for k in given]] = joints.position[given], velocity[given]
@@ -142,7 +138,7 @@ def set_state(arm: Arm, data: bytes) -> Ruling:
         # The joints that are not named may have run away.
         arm.plant.simulator.new_state(*target)
     except ValueError as error:
-        return Verdict('refused', str(error))
+        raise RefusedError('refused', str(error)) from error
     return _jump, (target,)
 
 
@@ -152,18 +148,15 @@ def _jump(arm: Arm, target: NDArray[Any]) -> None:
     arm.discard_commands()
 
 
-def parameters(arm: Arm, data: bytes) -> Ruling:
+def parameters(arm: Arm, data: bytes) -> Change:
     """Check new values of dynamic settings in JSON, all or none."""
     return _changed(arm, typed_changes(json.loads(decode_string(data))))
 
 
-def payload(arm: Arm, data: bytes) -> Ruling:
+def payload(arm: Arm, data: bytes) -> Change:
     """Check a payload; a mass of 0 removes it."""
     _, frame_id, (mass, *body) = decode_numbers(data, INERTIA)
-    try:
-        frame = wrench.tip_frame(arm.robot, frame_id)
-    except ValueError as error:
-        return Verdict('unknown_names', str(error))
+    frame = wrench.tip_frame(arm.robot, frame_id)
     values = mass, *wrench.body_at_tip(frame, body[:3], body[3:])
     return _changed(arm, dict(zip(PAYLOAD, values, strict=True)))
 
@@ -182,18 +175,18 @@ def changed(arm: Arm, values: Mapping[str, Any]) -> Settings:
     return settings
 
 
-def _changed(arm: Arm, values: Mapping[str, Any]) -> Ruling:
+def _changed(arm: Arm, values: Mapping[str, Any]) -> Change:
     """Check new values, by field, and make all that the change needs: here it may fail."""
     compiled = not COMPILED.isdisjoint(values)
     if compiled and arm.state.failure:
-        return Verdict('refused', 'the simulation has stopped')
+        raise RefusedError('refused', 'the simulation has stopped')
     try:
         settings = changed(arm, values)
         plant = arm.plants.prepare(settings) if compiled else arm.plant
         driven = Actuators(settings, arm.robot, arm.order, plant.scene)
         return _change, (settings, plant, driven, Sensors(settings, arm.order))
     except ValueError as error:
-        return Verdict('refused', str(error))
+        raise RefusedError('refused', str(error)) from error
 
 
 def _change(
@@ -210,7 +203,7 @@ def _change(
     arm.derive(plant, driven, sensors)
 
 
-def tick(arm: Arm, data: bytes) -> Ruling:
+def tick(arm: Arm, data: bytes) -> Change:
     """Check a tick of the followed clock: simulated time never goes back, nor far ahead."""
     tick_ns, state = decode_clock(data), arm.state
     if not state.first.follows_clock:
@@ -218,14 +211,14 @@ def tick(arm: Arm, data: bytes) -> Ruling:
     stamp_ns, seconds = arm.stamp_ns, tick_ns / NANOSECONDS
     last = stamp_ns if state.until_ns is None else state.until_ns
     if tick_ns < last:
-        return Verdict(
+        raise RefusedError(
             'stale',
             f'the clock is at {seconds} s and was at {last / NANOSECONDS} s: '
             'simulated time never goes back',
         )
     ahead = tick_ns - stamp_ns > MOST_STEPS_AHEAD * state.first.step_ns
     if state.until_ns is not None and ahead:
-        return Verdict(
+        raise RefusedError(
             'refused',
             f'the clock is at {seconds} s and the arm at {stamp_ns / NANOSECONDS} s, '
             f'more than {MOST_STEPS_AHEAD} steps behind: call ~/reset to set its time',

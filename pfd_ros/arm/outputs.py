@@ -91,7 +91,7 @@ class Outputs:
         arm, state = self.arm, self.arm.state
         stamp_ns = arm.stamp_ns
         if published and self._states:
-            data = self._encoder.encode(stamp_ns, arm.shown())
+            data = self._encoder.encode(stamp_ns, arm.measured())
             messages.append(Message(events.STATES, data, state.cycle))
         if self._further:
             if self._plant is not arm.plant:

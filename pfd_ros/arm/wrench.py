@@ -13,7 +13,7 @@ from typing import Any
 
 import pfd_core as pfd
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.events import Ruling, Verdict
+from pfd_ros.arm.events import Change, RefusedError
 from pfd_ros.arm.settings import timeout_steps
 from pfd_ros.arm.state import ACTED, NEXT, State
 from pfd_ros.messages.numbers import decode_numbers
@@ -25,22 +25,19 @@ LARGEST_WRENCH = 1e5
 Vector = tuple[float, ...]
 
 
-def rule(arm: Arm, data: bytes) -> Ruling:
+def rule(arm: Arm, data: bytes) -> Change:
     """Check a wrench, expressed in the frame of its header and applied at its origin."""
     stamp_ns, frame_id, numbers = decode_numbers(data, WRENCH)
-    if not arm.plant.scene.external_wrench:
-        return Verdict('refused', 'start the arm with external_wrench:=true')
+    if not arm.wrenched:
+        raise RefusedError('refused', 'start the arm with external_wrench:=true')
     if not all(map(math.isfinite, numbers)):
-        return Verdict('not_finite', 'contains a number that is not finite')
+        raise RefusedError('not_finite', 'contains a number that is not finite')
     if max(map(abs, numbers)) > LARGEST_WRENCH:
-        return Verdict('refused', f'expected {LARGEST_WRENCH:g} N and N m at most')
+        raise RefusedError('refused', f'expected {LARGEST_WRENCH:g} N and N m at most')
     since_ns = arm.state.reset_ns
     if 0 != stamp_ns < since_ns:
-        return Verdict('stale', f'stamp {stamp_ns} ns, expected {since_ns} ns or later')
-    try:
-        frame = tip_frame(arm.robot, frame_id)
-    except ValueError as error:
-        return Verdict('unknown_names', str(error))
+        raise RefusedError('stale', f'stamp {stamp_ns} ns, expected {since_ns} ns or later')
+    frame = tip_frame(arm.robot, frame_id)
     return put, (wrench_at_tip(frame, numbers[:3], numbers[3:]),)
 
 
@@ -71,19 +68,14 @@ def advance(state: State) -> bool:
 
 
 def tip_frame(robot: pfd.Robot, name: str) -> Any:
-    """Return a frame that is fixed to a robot's last link, such as the frame of the tip link.
-
-    Raises
-    ------
-    ValueError
-        If the frame is not fixed to the last link.
-    """
+    """Return a frame that is fixed to a robot's last link; refuse another one."""
     frame = robot.frames.get(name)
     if frame is None or frame.link != robot.n:
         why = 'is not a frame of the arm' if frame is None else 'does not move with the last link'
         carried = [robot.tip, *(k for k, f in robot.frames.items() if f.link == robot.n)]
-        raise ValueError(
-            f'frame_id {cut(name)!r} {why}; expected one of {listed(list(dict.fromkeys(carried)))}'
+        names = listed(list(dict.fromkeys(carried)))
+        raise RefusedError(
+            'unknown_names', f'frame_id {cut(name)!r} {why}; expected one of {names}'
         )
     return frame
 

@@ -478,71 +478,6 @@ def test_in_lockstep_under_a_followed_clock_the_newest_tick_is_not_the_future() 
 # Requests, lockstep, activity, a followed clock.
 
 
-def test_a_paused_arm_does_only_requested_steps() -> None:
-    engine = made()
-    engine.step([request('pause')])
-    assert engine.waiting
-    assert verdict(engine, request('step', count=3)).accepted
-    assert len(states(engine, cycles=9)) == 3
-    assert engine.waiting
-    # What is left of the steps ends with the pause.
-    engine.step([request('step', count=9), request('resume'), request('pause')])
-    assert engine.waiting
-    engine.step([request('resume')])
-    assert (engine.state.cycle, engine.state.step) == (4, 4)
-
-
-def test_a_reset_is_the_initial_state_at_the_next_stamp_with_every_joint_braked() -> None:
-    engine = made(**START)
-    moving = state(engine, PUSH, cycles=20)
-    assert moving.velocity.all()
-    there = state(engine, request('reset'))
-    assert there.position.tolist() == [0.3, -0.2]
-    assert not there.velocity.any()
-    assert there.stamp_ns == moving.stamp_ns + STEP_NS
-    later = state(engine, cycles=50)
-    assert later.position.tolist() == [0.3, -0.2]
-    assert later.stamp_ns == there.stamp_ns + 50 * STEP_NS
-
-
-@pytest.mark.parametrize('event', [request('reset'), placed(['elbow'], [1.0])])
-def test_commands_from_before_a_jump_are_stale_and_no_snap_back(event: ArmMessage) -> None:
-    engine = made()
-    before = state(engine, PUSH).stamp_ns
-    late = named(['shoulder'], [1.0], stamp_ns=before)
-    assert verdict(engine, event, late).label == 'stale'
-    there = state(engine)
-    assert verdict(engine, late).label == 'stale'
-    assert verdict(engine, named(['shoulder'], [1.0], stamp_ns=there.stamp_ns)).accepted
-
-
-def test_a_jump_is_exactly_the_given_state_and_ends_the_last_efforts() -> None:
-    engine = made()
-    state(engine, PUSH)
-    there = state(engine, placed(['elbow', 'shoulder'], [0.7, -1.1], [2.0, NAN]))
-    assert there.position.tolist() == [-1.1, 0.7]
-    assert there.velocity.tolist() == [0.0, 2.0]
-    assert not there.effort.any()
-    # Not braked: it swings on.
-    after = state(engine)
-    assert after.velocity.all()
-    assert not after.effort.any()
-
-
-def test_a_jump_of_one_joint_keeps_the_others_and_their_brakes() -> None:
-    there = state(made(**START), placed(['elbow'], [0.7]), cycles=5)
-    assert there.position.tolist() == [0.3, 0.7]
-    assert not there.velocity.any()
-
-
-def test_jumps_of_one_cycle_follow_each_other_and_a_pause_lets_them_through() -> None:
-    engine = made(**START)
-    jumps = placed(['elbow'], [0.7]), request('reset'), placed(['shoulder'], [NAN])
-    there = state(engine, request('pause'), *jumps, placed(['shoulder'], [1.0]))
-    assert there.position.tolist() == [1.0, -0.2]
-    assert engine.waiting
-
-
 def test_a_state_of_joint_states_is_sent_back_as_it_came() -> None:
     for settings in ({}, {'robot': 'puma560', **WELDED}):
         engine = made(**settings)
@@ -569,20 +504,6 @@ def test_a_jump_of_some_joints_of_an_arm_that_has_run_away_is_refused() -> None:
     assert state(engine).position.tolist() == [0.5] * 6
 
 
-def test_lockstep_runs_free_until_the_first_command_and_then_waits_for_each() -> None:
-    engine = made(lockstep=True)
-    assert len(states(engine, cycles=3)) == 3
-    stamp_ns = engine.stamp_ns
-    for _ in range(5):
-        assert verdict(engine, named(['elbow'], [1.0], stamp_ns=stamp_ns)).accepted
-        (there,) = states(engine, cycles=3)
-        stamp_ns = there.stamp_ns
-        assert engine.waiting
-        late = named(['elbow'], [1.0], stamp_ns=stamp_ns - STEP_NS)
-        assert verdict(engine, late).label == 'stale'
-        assert engine.waiting
-
-
 def test_lockstep_may_wait_for_the_first_command_too() -> None:
     engine = made(lockstep=True, wait_for_controller=True)
     assert engine.waiting
@@ -604,59 +525,6 @@ def test_in_lockstep_the_arm_waits_at_published_states_alone() -> None:
         shown = 'joint_states' in [m.role for m in produced]
         found.append((shown, dropping.published, dropping.waiting))
     assert set(found) == {(True, True, True), (False, False, False)}
-
-
-@pytest.mark.parametrize(
-    ('message', 'answers'),
-    [
-        (PUSH, True),
-        (named(['elbow'], [NAN]), True),
-        (efforts(1.0), False),
-        (named(['elbow'], [1.0], stamp_ns=1), False),
-        (placed(['elbow'], [NAN]), False),
-    ],
-)
-def test_in_lockstep_commands_and_nan_are_answers_and_broken_messages_are_none(
-    message: ArmMessage, answers: bool
-) -> None:
-    engine = made(lockstep=True)
-    engine.step([PUSH])
-    assert engine.waiting
-    verdict(engine, message)
-    assert engine.waiting != answers
-
-
-def test_a_reset_in_lockstep_shows_its_state_and_waits_for_an_answer_to_it() -> None:
-    engine = made(lockstep=True)
-    engine.step([PUSH])
-    there = state(engine, request('reset'))
-    assert engine.waiting
-    assert verdict(engine, named(['elbow'], [1.0], stamp_ns=STEP_NS)).label == 'stale'
-    assert verdict(engine, named(['elbow'], [1.0], stamp_ns=there.stamp_ns)).accepted
-    assert not engine.waiting
-
-
-def test_deactivation_puts_every_brake_on_and_keeps_simulated_time() -> None:
-    engine = made(lockstep=True)
-    moving = state(engine, PUSH)
-    moving = state(engine, PUSH)
-    assert moving.velocity.all()
-    assert verdict(engine, request('deactivate')).accepted
-    assert engine.waiting
-    # Lockstep waits for no controller from before an activation.
-    after = states(engine, request('activate'), cycles=5)
-    assert len(after) == 5
-    assert after[-1].position.tolist() == moving.position.tolist()
-    assert not after[-1].velocity.any()
-    assert after[-1].stamp_ns == moving.stamp_ns + 5 * STEP_NS
-
-
-def test_a_pause_outlasts_an_activation() -> None:
-    engine = made(autostart=False)
-    engine.step([request('pause'), request('activate')])
-    assert engine.waiting
-    engine.step([request('resume')], run=False)
-    assert not engine.waiting
 
 
 @pytest.mark.parametrize('name', ['pause', 'deactivate'])

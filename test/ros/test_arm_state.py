@@ -397,7 +397,7 @@ def test_a_saved_state_stays_as_it_is_while_the_arm_runs(whole) -> None:
 @pytest.mark.parametrize(
     ('other', 'reason'),
     [
-        ({'robot': 'ur5'}, 'is of a robot with the digest'),
+        ({'robot': 'ur5'}, "robot='ur5', expected 'planar2'"),
         ({'seed': 8}, 'seed=8, expected 0'),
         ({'step_size': 0.002}, r'step_size=0\.002, expected 0\.001'),
         ({'payload_mass': 0.123}, r'payload_mass=0\.123, expected 0\.0'),

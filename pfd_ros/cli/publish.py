@@ -56,8 +56,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Publish a log; see `play` for the exit status and the errors."""
-    from pfd_ros.replay.publish import play
     from pfd_ros.replay.playlist import PlayOptions
+    from pfd_ros.replay.publish import play
 
     options = PlayOptions(
         rate=given.rate,

@@ -124,6 +124,8 @@ def _run(args: list[str], stop: threading.Event, companion: Companion | None) ->
         sys.stderr.flush()
         os._exit(1)
     _limit_the_rest()
+    # The middleware must not call an executor for a node that is being destroyed.
+    executor.remove_node(node)
     node.destroy_node()
     return 1 if problems else 0
 

@@ -17,6 +17,7 @@ To add a value, append a pair (name, value) in the function of its task.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 import time
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -93,19 +94,6 @@ class MassKernels:
         return float(self._accelerations.error_estimate(q, qd, tau, **payload)[1])
 
 
-class _Seen(NamedTuple):
-    """The counts of an arm at one time, s."""
-
-    seconds: float
-    stamp_ns: int
-    cycles: int
-    late: int
-    missed: int
-    accepted: int
-    rejected: int
-    fast: int
-
-
 class ArmDiagnostics:
     """The tasks of one arm."""
 
@@ -114,67 +102,61 @@ class ArmDiagnostics:
     ) -> None:
         self._stepper, self._graph, self._report = stepper, graph, report
         self._engine, self._kernels = stepper.engine, kernels
-        self._last = self._seen()
+        self._seen = self._counts()
 
-    def _seen(self) -> _Seen:
-        engine, stepper = self._engine, self._stepper
-        inputs = self._report.inputs()
-        return _Seen(
-            seconds=time.monotonic(),
-            stamp_ns=engine.stamp_ns,
-            cycles=engine.state.cycle,
-            late=stepper.late,
-            missed=stepper.missed,
-            accepted=sum(inputs.get((role, ACCEPTED.label), (0, ''))[0] for role in COMMANDS),
-            rejected=sum(n for (_, label), (n, _) in inputs.items() if is_rejection(label)),
-            fast=engine.state.fast,
-        )
+    def _counts(self) -> dict[str, float]:
+        stepper, state, inputs = self._stepper, self._engine.state, self._report.inputs()
+        return {
+            'seconds': time.monotonic(),
+            'simulated_seconds': self._engine.stamp_ns / NANOSECONDS,
+            'cycles': state.cycle,
+            'late': stepper.late,
+            'missed': stepper.missed,
+            'accepted': sum(inputs.get((role, ACCEPTED.label), (0,))[0] for role in COMMANDS),
+            'rejected': sum(n for (_, label), (n, _) in inputs.items() if is_rejection(label)),
+            'fast': state.fast,
+        }
 
     def tasks(self) -> list[Task]:
         """Return the status of each task since the last call."""
-        last, now = self._last, self._seen()
-        self._last = now
+        last, self._seen = self._seen, self._counts()
+        new = {key: count - last[key] for key, count in self._seen.items()}
         tasks = (self._stepping, self._commands, self._simulation)
-        path = self._engine.state.settings.recording
-        recording = _recording(self._stepper.recorder, path)
-        return [*(task(last, now) for task in tasks), recording]
+        recording = _recording(self._stepper.recorder, self._engine.state.settings.recording)
+        return [*(task(self._seen, new) for task in tasks), recording]
 
-    def _stepping(self, last: _Seen, now: _Seen) -> Task:
+    def _stepping(self, now: dict[str, float], new: dict[str, float]) -> Task:
         engine, state = self._engine, self._engine.state
-        factor = (now.stamp_ns - last.stamp_ns) / NANOSECONDS / (now.seconds - last.seconds)
         values: list[tuple[str, object]] = [
-            ('real_time_factor', f'{factor:.4f}'),
+            ('real_time_factor', f'{new["simulated_seconds"] / new["seconds"]:.4f}'),
             ('requested_real_time_factor', state.settings.real_time_factor),
-            ('simulated_time_s', now.stamp_ns / NANOSECONDS),
-            ('cycles', now.cycles),
+            ('simulated_time_s', now['simulated_seconds']),
+            ('cycles', now['cycles']),
         ]
-        lengths = self._stepper.lengths(last.cycles, now.cycles)
+        lengths = self._stepper.newest_lengths(new['cycles'])
         if len(lengths):
             shares = np.percentile(lengths, (50, 99, 100)) / MICROSECONDS
             names = ('step_p50_us', 'step_p99_us', 'step_max_us')
             values += [(name, f'{share:.1f}') for name, share in zip(names, shares, strict=True)]
         values += [
-            ('late_steps', now.late - last.late),
-            ('missed_periods', now.missed - last.missed),
-            ('missed_periods_total', now.missed),
+            ('late_steps', new['late']),
+            ('missed_periods', new['missed']),
+            ('missed_periods_total', now['missed']),
             ('states_sent_again', self._stepper.resent),
         ]
         if state.failure:
             return Task('stepping', ERROR, state.failure, values)
-        if now.missed > last.missed:
+        if new['missed']:
             return Task('stepping', WARN, 'periods missed (busy machine)', values)
         return Task('stepping', OK, _reason_to_wait(engine) or 'running', values)
 
-    def _commands(self, last: _Seen, now: _Seen) -> Task:
+    def _commands(self, now: dict[str, float], new: dict[str, float]) -> Task:
         state, mismatched = self._engine.state, self._graph.mismatched
         newest = max(self._report.newest.get(role, 0.0) for role in COMMANDS)
         values: list[tuple[str, object]] = [
-            (
-                'accepted_per_s',
-                f'{(now.accepted - last.accepted) / (now.seconds - last.seconds):.1f}',
-            ),
-            ('accepted', now.accepted),
-            ('age_of_newest_s', f'{now.seconds - newest:.3f}' if newest else 'none'),
+            ('accepted_per_s', f'{new["accepted"] / new["seconds"]:.1f}'),
+            ('accepted', now['accepted']),
+            ('age_of_newest_s', f'{now["seconds"] - newest:.3f}' if newest else 'none'),
             ('endpoints_with_qos_or_type_mismatch', mismatched),
         ]
         for (role, label), (count, _) in sorted(self._report.inputs().items()):
@@ -192,15 +174,17 @@ class ArmDiagnostics:
         if state.tripped:
             text = f'protective stop, all joints braked until ~/reset: {state.tripped}'
             return Task('commands', ERROR, text, values)
-        if state.timed_out:
-            return Task('commands', WARN, 'no command for command_timeout', values)
-        if now.rejected > last.rejected:
-            return Task('commands', WARN, 'messages rejected', values)
-        if mismatched:
-            return Task('commands', WARN, 'QoS or type mismatch with another node', values)
-        return Task('commands', OK, 'received' if now.accepted else 'no commands yet', values)
+        warnings = (
+            (state.timed_out, 'no command for command_timeout'),
+            (new['rejected'], 'messages rejected'),
+            (mismatched, 'QoS or type mismatch with another node'),
+        )
+        for found, text in warnings:
+            if found:
+                return Task('commands', WARN, text, values)
+        return Task('commands', OK, 'received' if now['accepted'] else 'no commands yet', values)
 
-    def _simulation(self, last: _Seen, now: _Seen) -> Task:
+    def _simulation(self, now: dict[str, float], new: dict[str, float]) -> Task:
         engine, plant = self._engine, self._engine.plant
         state, settings = engine.state, engine.state.settings
         q, qd, tau = state.rows[state.now].copy()
@@ -213,7 +197,7 @@ class ArmDiagnostics:
         period = settings.publish_every * settings.step_ns / NANOSECONDS
         level, message = (ERROR, state.failure) if state.failure else (OK, 'running')
         speed = speed_of(engine)
-        if speed is not None and now.fast > last.fast and not state.failure:
+        if speed is not None and new['fast'] and not state.failure:
             level, message = WARN, f'beyond the velocity limit: {speed.text}'
         values: list[tuple[str, object]] = [
             ('robot', settings.robot),
@@ -224,7 +208,7 @@ class ArmDiagnostics:
             ('kinetic_energy_J', f'{kinetic:.6g}'),
             ('potential_energy_J', f'{potential:.6g}'),
             ('largest_speed_over_limit', 0.0 if speed is None else f'{speed.ratio:.4g}'),
-            ('cycles_beyond_velocity_limits', now.fast),
+            ('cycles_beyond_velocity_limits', now['fast']),
             ('control_period_s', period),
         ]
         if settings.external_wrench:
@@ -233,7 +217,16 @@ class ArmDiagnostics:
                 ('external_wrench_frame', engine.robot.tip),
                 ('external_wrench_timeout_s', settings.external_wrench_timeout),
             ]
-        values += _largest_gains(kernels.inertia(q, **payload), period, engine.order)
+        # The inertia matrix may be singular, or not finite.
+        with suppress(np.linalg.LinAlgError):
+            # Bounds of stable gains, without delay, in one proportion for all joints.
+            limits = gain_limits(kernels.inertia(q, **payload), period)
+            values += [
+                ('pd_limit.kp_over_kd', f'{limits.ratio:.6g}'),
+                ('pd_limit.kd', _numbers(limits.velocity[engine.order])),
+                ('pd_limit.kp', _numbers(limits.position[engine.order])),
+                ('pd_limit.same_kd_for_all', f'{limits.equal_velocity:.4g}'),
+            ]
         return Task('simulation', level, message, values)
 
 
@@ -263,23 +256,6 @@ def _reason_to_wait(engine: Engine) -> str:
     if state.settings.follows_clock:
         return 'waiting for the followed /clock'
     return 'waiting for a command (lockstep)'
-
-
-def _largest_gains(
-    inertia: NDArray[Any], period: float, order: NDArray[Any]
-) -> list[tuple[str, object]]:
-    """Return bounds of stable gains, without delay, in one proportion for all joints."""
-    try:
-        limits = gain_limits(inertia, period)
-    except np.linalg.LinAlgError:
-        # The inertia matrix is not finite or singular.
-        return []
-    return [
-        ('pd_limit.kp_over_kd', f'{limits.ratio:.6g}'),
-        ('pd_limit.kd', _numbers(limits.velocity[order])),
-        ('pd_limit.kp', _numbers(limits.position[order])),
-        ('pd_limit.same_kd_for_all', f'{limits.equal_velocity:.4g}'),
-    ]
 
 
 def _numbers(values: Iterable[float], form: str = '.4g') -> str:

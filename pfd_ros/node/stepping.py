@@ -160,8 +160,9 @@ class Stepper:
                 self._publishers[role].publish(data)
                 self.states += role == STATES
 
-    def lengths(self, after: int, last: int) -> NDArray[Any]:
-        """Return the durations of cycles `after` + 1 to `last`, ns, the newest LENGTHS at most."""
-        first = max(after + 1, last + 1 - LENGTHS)
+    def newest_lengths(self, count: float) -> NDArray[Any]:
+        """Return the durations of the newest cycles, ns, LENGTHS at most."""
+        last = self.engine.state.cycle
+        cycles = np.arange(last - min(int(count), LENGTHS), last) + 1
         lengths: NDArray[Any] = np.frombuffer(self._lengths, np.int64)
-        return lengths[np.arange(first, last + 1) % LENGTHS]
+        return lengths[cycles % LENGTHS]

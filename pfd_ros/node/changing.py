@@ -25,14 +25,7 @@ LOOK_SECONDS = 0.5
 class Changes:
     """Passes changes on to the arm; any thread puts them.
 
-    Parameters
-    ----------
-    engine
-        Whose rules prepare a change.
-    inbox
-        The queue of the engine.
-    refuse
-        As of Inbox: while one change is compiled, the oldest of many others are dropped.
+    While one change is compiled, the oldest of very many others are dropped, see Inbox.
     """
 
     def __init__(

@@ -40,19 +40,7 @@ LOOK_SECONDS = 0.1
 def load_model(node: Node, settings: Settings, stopped: Callable[[], bool]) -> DescribedRobot:
     """Load the model that the settings name, and log settings taken from its URDF.
 
-    Parameters
-    ----------
-    node
-        For its topics and its log.
-    settings
-        Of the parameters.
-    stopped
-        Returns whether to stop waiting for the topic.
-
-    Raises
-    ------
-    ValueError
-        If no model is received, or it cannot be used.
+    ValueError if none is received until `stopped` returns True, or it cannot be used.
     """
     source: str | pfd.Urdf = settings.robot
     if source == DESCRIPTION:

@@ -48,12 +48,8 @@ SECOND_PUBLISHER = {
 class GraphCheck:
     """Log missing publishers, wrong types, incompatible QoS and second publishers, once each.
 
-    Attributes
-    ----------
-    mismatched
-        Number of endpoints of other nodes that did not match ours at the last check.
-    publishers
-        Role of each input -> the nodes that publish it.
+    `mismatched` is the number of endpoints of other nodes that did not match ours at the last
+    check, and `publishers` has the nodes that publish each input, by role.
     """
 
     def __init__(self, node: Node, endpoints: Endpoints, report: Report) -> None:

@@ -26,10 +26,7 @@ OVERFLOWED = Verdict('overflowed', 'newer messages were received before the next
 class Inbox:
     """A queue of inputs, each with the future verdict of the engine.
 
-    Parameters
-    ----------
-    refuse
-        Called with role and verdict of each input that is dropped.
+    `refuse` is called with role and verdict of each input that is dropped.
     """
 
     def __init__(self, refuse: Callable[[str, Verdict], None]) -> None:

@@ -44,7 +44,7 @@ from rclpy.serialization import serialize_message
 from pfd_ros.arm.events import DIAGNOSTICS, TRANSITIONS
 from pfd_ros.node import parameters
 from pfd_ros.node.diagnostics import ERROR, OK, DiagnosticsPublisher, Task
-from pfd_ros.node.report import Report, introduce, report_arm
+from pfd_ros.node.report import Report, introduce, report_arm, summary
 from pfd_ros.node.sim_arm import SimArm
 from pfd_ros.node.threads import END_SECONDS, Threads, described
 from pfd_ros.text import one_line
@@ -55,7 +55,7 @@ UNCONFIGURED, INACTIVE, ACTIVE = (
     State(id=State.PRIMARY_STATE_INACTIVE, label='inactive'),
     State(id=State.PRIMARY_STATE_ACTIVE, label='active'),
 )
-# Number, start and goal of each transition that an arm outlives, and so of those recorded.
+# Number, start and goal of each transition after which there is an arm: these are recorded.
 TRANSITIONS_OF_ARM = {
     'configure': (Transition.TRANSITION_CONFIGURE, UNCONFIGURED, INACTIVE),
     'activate': (Transition.TRANSITION_ACTIVATE, INACTIVE, ACTIVE),
@@ -66,26 +66,8 @@ TRANSITIONS_OF_ARM = {
 class SimArmNode(LifecycleNode):
     """The node: parameters, transitions, and the arm from configure to cleanup.
 
-    Parameters
-    ----------
-    threads
-        The threads of the process.
-    mistakes
-        Exceptions for a wrong parameter or file, which fail a transition; others are faults.
-    args
-        The command line, whose parameter files are checked.
-
-    Attributes
-    ----------
-    arm
-        The configured arm, or None.
-    hung
-        Whether a thread of an arm did not end, and may still use ROS.
-
-    Raises
-    ------
-    rclpy.exceptions.ParameterException
-        If a parameter has an invalid value.
+    `mistakes` are exceptions for a wrong parameter or file, which fail a transition; others are
+    faults. `hung` is whether a thread of an arm did not end, and may still use ROS.
     """
 
     def __init__(
@@ -110,17 +92,10 @@ class SimArmNode(LifecycleNode):
         self._guard_services()
 
     def start(self) -> None:
-        """Configure and activate the arm with `autostart`.
-
-        Raises
-        ------
-        Exception
-            The error of a failed transition; nothing has been recorded then.
-        """
+        """Configure and activate the arm with `autostart`; raise the error of a transition."""
         if not self._autostart:
-            self.get_logger().info(
-                'unconfigured: autostart is false, waiting for lifecycle transitions'
-            )
+            text = 'unconfigured: autostart is false, waiting for lifecycle transitions'
+            self.get_logger().info(text)
             return
         self.trigger_configure()
         if self._error is None:
@@ -173,8 +148,15 @@ class SimArmNode(LifecycleNode):
                 self._error = error
                 self._problems.append(f'{name} failed: {described(error)}')
                 return TransitionCallbackReturn.ERROR
-            if self.arm is not None and name in TRANSITIONS_OF_ARM:
-                self.arm.record(TRANSITIONS, _transition_event(name))
+            if self.arm is not None:
+                number, start, goal = TRANSITIONS_OF_ARM[name]
+                event = TransitionEvent(
+                    timestamp=time.time_ns(),
+                    transition=Transition(id=number, label=name),
+                    start_state=start,
+                    goal_state=goal,
+                )
+                self.arm.record(TRANSITIONS, bytes(serialize_message(event)))
         return TransitionCallbackReturn.SUCCESS
 
     def _configure(self) -> None:
@@ -220,7 +202,7 @@ class SimArmNode(LifecycleNode):
         report = partial(report_arm, arm.report, arm.stepper, arm.endpoints)
         self._threads.guard('reporting', report, lambda: True)
         self._problems += arm.problems()
-        self.get_logger().info(one_line(arm.summary()))
+        self.get_logger().info(one_line(summary(arm.report, arm.stepper)))
         if not ended:
             # The thread may still use the entities.
             self.hung = True
@@ -295,15 +277,3 @@ class _Guarded:
         except Exception as error:
             self.failed(error)
             return response
-
-
-def _transition_event(name: str) -> bytes:
-    """Return the event of a completed transition, from and to the states that last."""
-    number, start, goal = TRANSITIONS_OF_ARM[name]
-    event = TransitionEvent(
-        timestamp=time.time_ns(),
-        transition=Transition(id=number, label=name),
-        start_state=start,
-        goal_state=goal,
-    )
-    return bytes(serialize_message(event))

@@ -82,14 +82,9 @@ def main(
 ) -> int:
     """Run the node until SIGINT, SIGTERM or SIGHUP; return its exit status.
 
-    Parameters
-    ----------
-    args
-        Command line without the program's name; None takes the one of the process.
-    stop
-        From `stop_on_signals`, if the caller has called it already.
-    companion
-        A process that is started with the arm, and ends with the node.
+    `args` is the command line without the program's name, by default the one of the process, and
+    `stop` comes from `stop_on_signals`, if the caller has called it already. A companion is
+    started with the arm, and ends with the node.
     """
     if stop is None:
         stop = stop_on_signals()

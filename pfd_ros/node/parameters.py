@@ -81,12 +81,7 @@ def declare(node: Node) -> bool:
     """Declare every setting except those per joint, and return the value of `autostart`.
 
     They are read-only, except dynamic ones. All of a node without autostart may be changed before
-    each configuration.
-
-    Raises
-    ------
-    ValueError, rclpy.exceptions.ParameterException
-        If a value has the wrong type or lies outside its range.
+    each configuration. ParameterException if a value has the wrong type or is out of its range.
     """
     autostart = True
     for row in sorted(_SINGLE, key=lambda row: row.field != 'autostart'):
@@ -100,13 +95,7 @@ def declare(node: Node) -> bool:
 
 
 def read(node: Node) -> Settings:
-    """Return the settings from the parameters of a node.
-
-    Raises
-    ------
-    ValueError
-        If the values are inconsistent.
-    """
+    """Return the settings from the parameters of a node; ValueError if they are inconsistent."""
     values: dict[str, Any] = {}
     for row in _SINGLE:
         with suppress(ParameterUninitializedException):
@@ -119,11 +108,6 @@ def declare_joints(node: Node, settings: Settings, robot: pfd.Robot) -> Settings
 
     A group without a number that differs from its default stays empty in the settings. Values from
     the start of the node apply again to each new arm.
-
-    Raises
-    ------
-    rclpy.exceptions.ParameterException, ValueError
-        As `declare` and `read`.
     """
     fixed = bool(node.get_parameter('autostart').value)
     order = joint_order(settings.joints, robot)
@@ -163,13 +147,9 @@ def given_parameters(node: Node) -> Mapping[str, Parameter]:
 def refuse_unknown(node: Node) -> str:
     """Return a line about unknown parameters, '' without any, unless one seems to be misspelt.
 
-    A file for all nodes (`/**`) may hold parameters of others, and a node without autostart may
-    have some for the joints of its next robot.
-
-    Raises
-    ------
-    ValueError
-        If the name of a parameter resembles a known one, or is one of an earlier version.
+    ValueError if a name resembles a known one, or is of an earlier version. A file for all nodes
+    (`/**`) may hold parameters of others, and a node without autostart may have some for the
+    joints of its next robot.
     """
     unknown = sorted(name for name in given_parameters(node) if not node.has_parameter(name))
     for name in unknown:

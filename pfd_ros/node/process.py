@@ -67,14 +67,9 @@ class Companion(Protocol):
 def run(args: list[str], stop: threading.Event, companion: Companion | None = None) -> int:
     """Run the node until `stop` is set; return its exit status.
 
-    Parameters
-    ----------
-    args
-        Command line without the program's name.
-    stop
-        Set by a signal, perhaps before the node starts, and by the node when it cannot continue.
-    companion
-        Started with the arm, and ended with the node; its end is logged and changes nothing.
+    `args` is the command line without the program's name. A signal may have set `stop` before the
+    node starts, and the node sets it when it cannot continue. The companion starts with the arm
+    and ends with the node; its end is logged and changes nothing.
     """
     try:
         return 0 if stop.is_set() else _run(args, stop, companion)

@@ -63,12 +63,8 @@ class _Entry:
 class Report:
     """The table of counts; any thread adds, one thread logs.
 
-    Attributes
-    ----------
-    newest
-        Role -> steady time of the newest accepted input, s.
-    closing
-        Whether the run ends: then lines are not delayed.
+    `newest` has the steady time of the newest accepted input of each role, s. While `closing` is
+    set, lines are not delayed.
     """
 
     def __init__(self, logger: Any) -> None:
@@ -222,3 +218,17 @@ def _report_inputs(report: Report, engine: Engine, endpoints: Endpoints) -> None
         elif is_rejection(label):
             text = f'messages on {topic} rejected: {label} ({detail})'
             report.line(key, count, text, error=label in ERRORS)
+
+
+def summary(report: Report, stepper: Stepper) -> str:
+    """Return the totals of a run as a sentence."""
+    state, inputs = stepper.engine.state, report.inputs()
+    accepted = sum(n for (_, label), (n, _) in inputs.items() if label == ACCEPTED.label)
+    rejected = sum(n for (_, label), (n, _) in inputs.items() if is_rejection(label))
+    failure = f'; failure: {state.failure}' if state.failure else ''
+    return (
+        f'stopped after {state.step * state.settings.step_ns / NANOSECONDS:.9g} s of simulated '
+        f'time: {stepper.states} states published, {accepted} messages accepted, {rejected} '
+        f'rejected, {stepper.late} of {state.step} steps late, {stepper.missed} periods missed'
+        f'{failure}'
+    )

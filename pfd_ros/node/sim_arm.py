@@ -20,7 +20,6 @@ from rclpy.node import Node
 from pfd_ros.arm.advice import estimate_text
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import (
-    ACCEPTED,
     CLOCK,
     CLOCK_TICKS,
     DIAGNOSTICS,
@@ -47,8 +46,8 @@ from pfd_ros.node.diagnostics import ArmDiagnostics, MassKernels
 from pfd_ros.node.endpoints import create_endpoints
 from pfd_ros.node.graph import GraphCheck
 from pfd_ros.node.inbox import Inbox
-from pfd_ros.node.report import Report, is_rejection
-from pfd_ros.node.services import NANOSECONDS, create_services
+from pfd_ros.node.report import Report
+from pfd_ros.node.services import create_services
 from pfd_ros.node.stepping import Stepper
 from pfd_ros.node.threads import Threads
 from pfd_ros.text import cut
@@ -68,26 +67,8 @@ COMPILE_LOG = logging.getLogger('pfd_core.compile')
 class SimArm:
     """An arm, its topics, services, threads and recording.
 
-    Parameters
-    ----------
-    node
-        Gets the topics and services.
-    settings
-        From the parameters.
-    threads
-        Of the process; the arm ends with them.
-    reached_ns
-        Simulated time of the previous arm, from which this one continues.
-
-    Attributes
-    ----------
-    report, engine, endpoints, stepper, graph, diagnostics
-        The parts that reports are about, and the table of counts.
-
-    Raises
-    ------
-    ValueError, OSError, rclpy.exceptions.ParameterException
-        If a parameter cannot be used; the node is unchanged then, and nothing has been recorded.
+    If a parameter cannot be used (ValueError, OSError, ParameterException), the node is unchanged
+    and nothing has been recorded. Simulated time continues from `reached_ns`, of the arm before.
     """
 
     def __init__(self, node: Node, settings: Settings, threads: Threads, reached_ns: int) -> None:
@@ -178,14 +159,7 @@ class SimArm:
         )
 
     def request(self, name: str) -> None:
-        """Pass a request to the arm, and return when it has been executed.
-
-        Raises
-        ------
-        ValueError
-            If the arm rejects it, or does not answer in time: then the request is executed
-            later.
-        """
+        """Pass a request to the arm, and return when it has been executed; else ValueError."""
         asked = self.inbox.put(REQUESTS, encode_request(name))
         try:
             verdict = asked.result(TRANSITION_SECONDS)
@@ -210,8 +184,10 @@ class SimArm:
     def close_recording(self) -> None:
         """Write the queue and the totals, and close the file."""
         if self._recorder is not None:
+            from pfd_ros.recording.recorder import totals_of
+
             self._recorder.put(self.engine.counts(), self.engine.stamp_ns)
-            self._recorder.close(self.totals())
+            self._recorder.close(totals_of(self.engine))
 
     def problems(self) -> list[str]:
         """Return why the run of this arm failed."""
@@ -219,35 +195,6 @@ class SimArm:
         if self._recorder is not None and self._recorder.error:
             found.append('the recording is incomplete')
         return found
-
-    def totals(self) -> dict[str, Any]:
-        """Return the totals of the run, for the log and the end of the recording."""
-        state, stepper, inputs = self.engine.state, self.stepper, self.report.inputs()
-        return {
-            'cycles': state.cycle,
-            'steps': state.step,
-            'simulated_seconds': state.step * state.settings.step_ns / NANOSECONDS,
-            'states': stepper.states,
-            'accepted': sum(n for (_, label), (n, _) in inputs.items() if label == ACCEPTED.label),
-            'rejected': sum(n for (_, label), (n, _) in inputs.items() if is_rejection(label)),
-            'late_steps': stepper.late,
-            'missed_periods': stepper.missed,
-            'failure': state.failure,
-            'reflex': state.tripped,
-            'trips': state.trips,
-            'timeouts': state.timeouts,
-        }
-
-    def summary(self) -> str:
-        """Return the totals of the run as a sentence."""
-        found = self.totals()
-        failure = f'; failure: {found["failure"]}' if found['failure'] else ''
-        return (
-            f'stopped after {found["simulated_seconds"]:.9g} s of simulated time: '
-            f'{found["states"]} states published, {found["accepted"]} messages accepted, '
-            f'{found["rejected"]} rejected, {found["late_steps"]} of {found["steps"]} steps late, '
-            f'{found["missed_periods"]} periods missed{failure}'
-        )
 
     def destroy_endpoints(self) -> None:
         """Remove its topics, services and callback from the node."""

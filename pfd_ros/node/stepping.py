@@ -42,27 +42,9 @@ LENGTHS = 1 << 13
 class Stepper:
     """Steps an engine in real time, at a multiple of it, or as fast as possible.
 
-    Parameters
-    ----------
-    engine, inbox
-        The arm and its inputs.
-    recorder
-        None without a recording.
-    publishers
-        By role; an output without a publisher is only recorded.
-    count
-        Called with role and verdict of each input that the engine has taken.
-
-    Attributes
-    ----------
-    started
-        Steady time at the start, s.
-    states
-        Number of published states.
-    late, missed
-        Number of steps more than a period late, and of periods that were skipped.
-    resent
-        How often a state was sent again, because no command answered it.
+    An output without a publisher is only recorded; `count` is called with role and verdict of each
+    input that the engine has taken. `late` steps came more than a period late, `missed` periods
+    were skipped, and `resent` states were sent again, because no command answered them.
     """
 
     def __init__(

@@ -16,15 +16,7 @@ END_SECONDS = 10
 
 
 class Threads:
-    """The threads of one process.
-
-    Attributes
-    ----------
-    stop
-        Set by a signal, and here when a thread ends.
-    failures
-        Descriptions of threads that ended unexpectedly.
-    """
+    """The threads of one process; `stop` is set by a signal, and when a thread ends."""
 
     def __init__(self, stop: threading.Event) -> None:
         self.stop = stop

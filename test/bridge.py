@@ -338,7 +338,6 @@ NAMES = {
     'claimed_domain': 'pfd_ros.testing.domains:claimed_domain',
     'initialised': 'pfd_ros.testing.domains:initialised',
     'LockstepArm': 'pfd_ros.testing.arm:LockstepArm',
-    'RunLimits': 'pfd_ros.testing.trajectory:Limits',
     'RunTrajectory': 'pfd_ros.testing.trajectory:Trajectory',
     # pfd_ros.view: the arm in 3D
     'LinkPoses': 'pfd_ros.view.arm:LinkPoses',

@@ -177,7 +177,6 @@ class _Reader(StreamReader):
         super().__init__(
             stream, emit_chunks=True, validate_crcs=True, record_size_limit=RECORD_BYTES
         )
-
         self._file = stream
 
     @property

@@ -89,18 +89,14 @@ class Arm:
             commanded=waits,
         )
         self.state.rows[0, 0] = self.start
-        self.follow_settings(plant)
+        self.derive(plant)
 
-    def follow_settings(self, plant: Plant) -> None:
+    def derive(self, plant: Plant) -> None:
         """Take over what follows from the settings in the state, of which this is the plant."""
-        settings = self.state.settings
-        driven = Actuators(settings, self.robot, self.order, plant.scene)
-        self.derive(plant, driven, Sensors(settings, self.order))
-
-    def derive(self, plant: Plant, driven: Actuators, sensors: Sensors) -> None:
-        """Take over what follows from the settings, and bind native code to the state."""
-        self.plant, self.actuators, self.link = plant, driven, Link(self.state.settings)
-        self.sensors = None if sensors.exact else sensors
+        settings, sensors = self.state.settings, Sensors(self.state.settings, self.order)
+        self.plant, self.sensors = plant, None if sensors.exact else sensors
+        self.actuators = Actuators(settings, self.robot, self.order, plant.scene)
+        self.link = Link(settings)
         # Whether each cycle has to look at the link and at the wrench, and whether the next one
         # tells about the payload.
         self.watched, self.wrenched = not self.link.idle, plant.scene.external_wrench

@@ -121,7 +121,7 @@ class Engine(Arm):
                 raise ValueError(f'the state is of an arm with {name}={found}, expected {wanted}')
         plant = self.plants.prepare(state.settings)
         self.state = deepcopy(state)
-        self.follow_settings(plant)
+        self.derive(plant)
 
     def prepare(self, role: str, data: bytes) -> None:
         """Compile what an event needs, ahead and on any thread; it takes no effect."""

@@ -20,13 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_ros.arm import wrench
-from pfd_ros.arm.actuators import Actuators
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.commands import check_joints, check_reach
 from pfd_ros.arm.events import MOST_STEPS, Change, RefusedError
 from pfd_ros.arm.plant import Plant, with_own_effects
 from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD
-from pfd_ros.arm.sensors import Sensors
 from pfd_ros.arm.settings import Settings, check_joint_counts, check_servo, typed_changes
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import decode_joints
@@ -39,8 +37,6 @@ from pfd_ros.text import cut, listed
 # initial state, braked. deactivate: braked and no steps until activated. clear_wrench: no external
 # wrench.
 REQUEST_NAMES = ('pause', 'resume', 'step', 'reset', 'activate', 'deactivate', 'clear_wrench')
-# A request is far shorter.
-LONGEST_REQUEST = 1000
 # Largest number of steps for one tick: at 1 kHz a hundred seconds.
 MOST_STEPS_AHEAD = 100_000
 
@@ -58,8 +54,6 @@ def encode_changes(values: Mapping[str, Any]) -> bytes:
 def request(arm: Arm, data: bytes) -> Change:
     """Check a request in JSON."""
     text, state = decode_string(data), arm.state
-    if len(text) > LONGEST_REQUEST:
-        raise ValueError(f'{len(text)} characters, expected {LONGEST_REQUEST} at most')
     values = json.loads(text)
     if not isinstance(values, dict) or values.get('request') not in REQUEST_NAMES:
         raise ValueError(f'request is {cut(text)!r}, expected one of {list(REQUEST_NAMES)}')
@@ -162,13 +156,7 @@ def payload(arm: Arm, data: bytes) -> Change:
 
 
 def changed(arm: Arm, values: Mapping[str, Any]) -> Settings:
-    """Return the settings with new values of some fields; nothing is compiled.
-
-    Raises
-    ------
-    ValueError
-        If a value is invalid, by itself or together with the others.
-    """
+    """Return the settings with new values of some fields, or ValueError; nothing is compiled."""
     settings = replace(with_own_effects(arm.state.settings, values), **values)
     check_joint_counts(settings, len(arm.names))
     check_servo(settings)
@@ -176,22 +164,18 @@ def changed(arm: Arm, values: Mapping[str, Any]) -> Settings:
 
 
 def _changed(arm: Arm, values: Mapping[str, Any]) -> Change:
-    """Check new values, by field, and make all that the change needs: here it may fail."""
+    """Check new values, by field, and compile the plant that they need: here it may fail."""
     compiled = not COMPILED.isdisjoint(values)
     if compiled and arm.state.failure:
         raise RefusedError('refused', 'the simulation has stopped')
     try:
         settings = changed(arm, values)
-        plant = arm.plants.prepare(settings) if compiled else arm.plant
-        driven = Actuators(settings, arm.robot, arm.order, plant.scene)
-        return _change, (settings, plant, driven, Sensors(settings, arm.order))
+        return _change, (settings, arm.plants.prepare(settings) if compiled else arm.plant)
     except ValueError as error:
         raise RefusedError('refused', str(error)) from error
 
 
-def _change(
-    arm: Arm, settings: Settings, plant: Plant, driven: Actuators, sensors: Sensors
-) -> None:
+def _change(arm: Arm, settings: Settings, plant: Plant) -> None:
     """Take over other settings; the state goes into another plant, if there is one."""
     state = arm.state
     if plant.simulator is not arm.plant.simulator:
@@ -200,7 +184,7 @@ def _change(
         # A reflex looks at efforts from the next one on.
         state.motors.before[:] = np.nan
     state.settings = settings
-    arm.derive(plant, driven, sensors)
+    arm.derive(plant)
 
 
 def tick(arm: Arm, data: bytes) -> Change:

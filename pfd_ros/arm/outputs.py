@@ -11,13 +11,10 @@ external_torques, and
     tip_wrench        the wrench on the tip, in its axes
     energy            the quantity, and the power of tau, W
 
-The others are quantities as rows of pfd.QUANTITIES define them: the row says what a kernel is
-called with, and how its result is laid out. The three torques come as JointState, with names and
-stamp, and under the same name with _array as Float64MultiArray: a topic of ROS 2 has one type.
-
-These are of the arm with its payload, without gravity compensation, whose torque is added to tau.
-Dry friction, stops and brakes are not in that equation. Numbers are finite: an overflow is 0.
-Kernels are compiled before the first step.
+The others are quantities as rows of pfd.QUANTITIES define them, of the arm with its payload and
+without gravity compensation, whose torque is added to tau. Dry friction, stops and brakes are not
+in that equation. The three torques come as JointState and as Float64MultiArray, since a topic of
+ROS 2 has one type. Numbers are finite: an overflow is 0.
 """
 
 from __future__ import annotations

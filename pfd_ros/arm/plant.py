@@ -117,14 +117,14 @@ def _kernels(settings: Settings, robot: pfd.Robot, scene: pfd.Scene) -> dict[str
     }
 
 
-def acceleration_kernel(robot: pfd.Robot, scene: pfd.Scene, method: str, refine: int = 0) -> Any:
+def acceleration_kernel(robot: pfd.Robot, scene: pfd.Scene, method: str) -> Any:
     """Return the kernel of the accelerations, without brakes and the external wrench.
 
     Effects that act over a step, such as friction, are left out too: they have no accelerations.
     """
     over_a_step = {effect.name for effect in pfd.EFFECTS if effect.acts == 'step'}
     smooth = scene.without(over_a_step | {'brakes', 'external wrench'})
-    return pfd.compile_kernel(robot, method=method, scene=smooth, refine=refine)
+    return pfd.compile_kernel(robot, method=method, scene=smooth)
 
 
 def simulator_settings(settings: Settings) -> dict[str, Any]:

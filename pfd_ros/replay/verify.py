@@ -70,10 +70,11 @@ def verify(path: Path | str, expansion: float = EXPANSION) -> Verified:
     log = Log(path, expansion)
     with damage_named(log.path):
         engine = recorded_engine(log)
+        program = engine.program  # a payload may change it
         try:
             return _verified(log, engine)
         except DifferenceError as error:
-            why = cause(log.versions, engine.program, altered=_altered(log))
+            why = cause(log.versions, program, altered=_altered(log))
             raise DifferenceError(one_line(f'{log.path}: {error}; {why}', 2000)) from None
 
 

@@ -72,6 +72,8 @@ class Run:
         self.recorder = LogRecorder(path, self.engine, self.topics, self.reports.append)
         self.messages: list[ArmMessage] = []
         self.verdicts: list[str] = []
+        # Roles of accepted inputs.
+        self.accepted: set[str] = set()
 
     def step(self, *events: ArmMessage, times: int = 1) -> None:
         """Take events and do a cycle, and further cycles without events."""
@@ -79,6 +81,8 @@ class Run:
             messages, verdicts = self.engine.step(events if k == 0 else ())
             self.record(messages)
             self.verdicts += [verdict.label for verdict in verdicts]
+            took = zip(events if k == 0 else (), verdicts, strict=True)
+            self.accepted |= {message.role for message, verdict in took if verdict.accepted}
 
     def record(self, messages: Sequence[ArmMessage]) -> None:
         self.recorder.put(messages, self.engine.stamp_ns)

@@ -10,8 +10,6 @@ from importlib import import_module
 from pathlib import Path
 import re
 import signal
-import subprocess
-import sys
 import time
 from typing import Any
 
@@ -44,14 +42,13 @@ from logs import (
 )
 import pytest
 from recordings import busy
-from ros_processes import Peer, Process, Processes, call, environment
+from ros_processes import Peer, Process, Processes, call
 from sampling import one_fast
 
 pytestmark = pytest.mark.ros
 
 CLOCK, MAP, WORDS = '/clock', '/map', '/words'
 FLOATS = 'std_msgs/msg/Float64MultiArray'
-PFD = ('-m', 'pfd_ros.cli.main')
 PeerOf = Callable[..., Peer]
 
 
@@ -101,30 +98,20 @@ def test_outputs_of_the_node_are_published_under_their_own_names_only() -> None:
         ('/joint_states', JOINT_STATE, False),
         ('/arm/joint_commands', JOINT_STATE, True),
         ('/effort_controller/commands', FLOATS, True),
-        ('/sim_arm/set_state', JOINT_STATE, True),
         ('/sim_arm/external_wrench', 'geometry_msgs/msg/WrenchStamped', True),
-        ('/sim_arm/payload', 'geometry_msgs/msg/InertiaStamped', True),
         ('/sim_arm/payload_in_use', 'geometry_msgs/msg/InertiaStamped', False),
         ('/force_sensor/wrench', 'geometry_msgs/msg/WrenchStamped', False),
         ('/cmd_vel', 'geometry_msgs/msg/Twist', True),
         ('/arm/velocity', 'geometry_msgs/msg/Twist', True),
         ('/arm_controller/joint_trajectory', 'trajectory_msgs/msg/JointTrajectory', True),
         ('/gripper/GoalPose', 'geometry_msgs/msg/PoseStamped', True),
-        ('/arm/targetPose', 'geometry_msgs/msg/PoseStamped', True),
         ('/controller/reference', FLOATS, True),
-        ('/desired_joint_states', JOINT_STATE, True),
-        ('/joint_efforts', FLOATS, True),
         ('/arm/jointTorques', FLOATS, True),
         ('/ur_driver/script', STRING, True),
         ('/move_j', FLOATS, True),
-        ('/equilibrium_pose', 'geometry_msgs/msg/PoseStamped', True),
         ('/removed', FLOATS, False),
-        ('/description', STRING, False),
-        ('/offset', FLOATS, False),
-        ('/robot_description', STRING, False),
         ('/tf', 'tf2_msgs/msg/TFMessage', False),
         ('/clock', 'rosgraph_msgs/msg/Clock', False),
-        ('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', False),
     ],
 )
 def test_commands_of_other_logs_are_known_by_name_or_type(
@@ -401,21 +388,6 @@ def test_messages_out_of_order_are_published_in_the_order_of_their_log_times(
     assert listener.on(STATES) == [row.data for row in rows]
 
 
-def test_named_commands_are_published_under_another_name(
-    processes: Processes, peer_of: PeerOf, tmp_path: Path
-) -> None:
-    path = write_mcap(tmp_path / 'a.mcap', states(30, topic='/joint_commands'))
-    peer = peer_of(processes)
-    listener = Listener(peer, ('/other', JOINT_STATE), ('/joint_commands', JOINT_STATE))
-    options = '--topics', '/joint_commands', '--remap', '/joint_commands:=/other'
-    player = start(processes, path, *options, '--start-paused', '--rate', '5')
-    begin(player, listener, '/other')
-    paused(peer, False)
-    assert listener.end_of(player) == 0
-    assert listener.on('/other') == [row.data for row in states(30)]
-    assert listener.on('/joint_commands') == []
-
-
 def test_a_paused_log_steps_seeks_and_resumes(
     processes: Processes, peer_of: PeerOf, tmp_path: Path
 ) -> None:
@@ -559,25 +531,6 @@ def test_a_request_that_rclpy_cannot_answer_does_not_end_the_player(
     assert player.end(signal.SIGINT) == 128 + signal.SIGINT
 
 
-@pytest.mark.slow
-def test_an_output_that_is_closed_ends_the_player(processes: Processes, tmp_path: Path) -> None:
-    log = write_words(tmp_path / 'words.mcap', 4, apart=0.05)
-    with subprocess.Popen(
-        [sys.executable, *PFD, 'replay', str(log), '--publish', '--loop'],
-        env=environment(processes.domain),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as player:
-        assert player.stdout is not None
-        assert player.stdout.readline().startswith(str(log))
-        player.stdout.close()
-        # As of a process that SIGPIPE ended, in a shell.
-        assert player.wait(60) == 128 + signal.SIGPIPE
-        assert player.stderr is not None
-        assert player.stderr.read() == ''
-
-
 def test_a_log_that_was_cut_off_is_published_up_to_the_cut(
     processes: Processes, peer_of: PeerOf, tmp_path: Path
 ) -> None:
@@ -627,27 +580,6 @@ def test_a_log_that_cannot_be_published_is_one_line_and_status_1(
     (error,) = capfd.readouterr().err.splitlines()
     assert error.startswith('pfd replay: ')
     assert line in error
-
-
-@pytest.mark.parametrize(
-    'options',
-    [
-        ('--verify',),
-        ('--rate', '0'),
-        ('--rate', 'nan'),
-        ('--clock', '1e9'),
-        ('--start-offset', '-1'),
-        ('--duration', '0'),
-        ('--remap', 'a'),
-    ],
-)
-def test_options_that_make_no_sense_have_status_2(
-    tmp_path: Path, options: tuple[str, ...], capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as end:
-        raise SystemExit(pfd_main(['replay', str(tmp_path / 'a.mcap'), '--publish', *options]))
-    assert end.value.code == 2
-    assert options[0] in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('name', ['panda_exciting_trajectory', 'ur10_exciting_trajectory'])

@@ -98,28 +98,6 @@ def test_each_message_is_due_at_its_time_however_late_the_others_were(
         assert abs(event.due_ns - exact) <= 1 + exact * Fraction(1, 2**52)
 
 
-@given(TIMES, st.integers(1, 50), st.sampled_from([0.5, 1.0, 4.0]))
-def test_the_clock_ticks_at_its_period_between_the_messages_it_lies_between(
-    times: list[int], period: int, rate: float
-) -> None:
-    messages = log_of(times)
-    schedule = schedule_of(messages, rate=rate, tick_ns=period * UNIT)
-    events = drain(schedule, 0)
-    length = messages[-1].log_ns + 1 - messages[0].log_ns
-    while (when := schedule.next_ns()) is not None and not schedule.ended:
-        events += drain(schedule, when)
-    ticks = [event.log_ns for event in events if isinstance(event, PlayerTick)]
-    step = int(period * UNIT * rate)
-    assert ticks == list(range(messages[0].log_ns, messages[0].log_ns + length, step))
-    times_of = [
-        event.log_ns if isinstance(event, PlayerTick) else event.message.log_ns
-        for event in events
-        if not isinstance(event, PlayerJump)
-    ]
-    assert times_of == sorted(times_of)
-    assert schedule.ended
-
-
 def test_after_a_stall_the_clock_is_not_ahead_of_the_messages_that_are_late() -> None:
     messages = log_of(range(0, 100, 3))
     schedule = schedule_of(messages, tick_ns=UNIT)

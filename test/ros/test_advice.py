@@ -173,12 +173,17 @@ def test_all_scenes_have_the_integrator_of_the_full_scene() -> None:
     assert found == pytest.approx(error_of(arm, scene, smaller, motion), rel=ROUNDING)
 
 
-@pytest.mark.parametrize(('tolerance', 'count'), [(1e-6, 3), (1e-3, 3), (0.05, 2), (100.0, 0)])
-def test_the_scene_is_within_the_tolerance_and_loses_it_without_another_effect(
-    tolerance: float, count: int
-) -> None:
+@pytest.fixture(scope='module')
+def sines() -> tuple[pfd.Robot, pfd.Scene, Motion]:
     arm, scene = pfd.load_robot('planar2'), pfd.Scene(damping=(0.5, 0.01), armature=(0.1, 0.01))
-    motion = sine_motion(arm, scene)
+    return arm, scene, sine_motion(arm, scene)
+
+
+@pytest.mark.parametrize(('tolerance', 'count'), [(1e-3, 3), (0.05, 2), (100.0, 0)])
+def test_the_scene_is_within_the_tolerance_and_loses_it_without_another_effect(
+    tolerance: float, count: int, sines: tuple[pfd.Robot, pfd.Scene, Motion]
+) -> None:
+    arm, scene, motion = sines
     advice = advise(arm, scene, motion, tolerance)
     smallest = advice.rows[SMALLEST_SCENE]
     assert smallest.error <= tolerance

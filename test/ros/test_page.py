@@ -5,7 +5,8 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 import hashlib
 from html.parser import HTMLParser
 import json
@@ -612,23 +613,35 @@ def test_a_page_is_never_written_over_a_file(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope='module')
-def faulty_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """Yield the page of one browser for all tests."""
+    with opened('about:blank', tmp_path_factory.mktemp('browser')) as page:
+        yield page
+
+
+@pytest.fixture(scope='module')
+def faulty(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the page of an arm that reaches a limit, with a reference."""
-    folder = tmp_path_factory.mktemp('faulty')
-    path, out = folder / 'a.mcap', folder / 'a.html'
+    path = tmp_path_factory.mktemp('faulty') / 'a.mcap'
     simulate(path, 900, {1: [efforts(15.0, -3.0)], 700: [efforts(0.0)]}, **FREE)
     reference = PageReference(
         ('elbow',), np.array([0.1, 0.8]), np.array([[0.0], [-2.0]]), within=0.5
     )
-    shown(path, reference).write(out)
-    return out
+    shown(path, reference).write(path.with_suffix('.html'))
+    return path.with_suffix('.html')
 
 
-def drawn(page: Any) -> Any:
-    """Wait until a page has drawn its curves, and return their number."""
-    wait_until(lambda: page.value('document.documentElement.dataset.drawn') is not None)
-    assert page.value('document.documentElement.dataset.error') is None
-    return int(page.value('document.documentElement.dataset.drawn'))
+@contextmanager
+def drawn(browser: Any, path: Path) -> Iterator[int]:
+    """Have a browser draw a page; yield the number of its plots; there are no errors then."""
+    url = path.absolute().as_uri()
+    browser.call('Page.navigate', url=url)
+    browser.console.clear()
+    number = f'location.href === {url!r} && document.documentElement.dataset.drawn'
+    wait_until(lambda: bool(browser.value(number)))
+    yield int(browser.value(number))
+    assert browser.value('document.documentElement.dataset.error') is None
+    assert browser.console == []
 
 
 CURVES = """JSON.stringify(plots.filter((u) => u.pfd).map(
@@ -636,16 +649,16 @@ CURVES = """JSON.stringify(plots.filter((u) => u.pfd).map(
 SHIFT_CLICK = """document.querySelectorAll('#joints button')[0].dispatchEvent(
     new MouseEvent('click', {shiftKey: true}))"""
 RANGES = 'JSON.stringify(plots.map((u) => [u.scales.x.min, u.scales.x.max]))'
+# Where 20 rad/s is in the second plot of curves.
+LIMIT = """JSON.stringify([plots[2].over.getBoundingClientRect().left,
+    plots[2].over.getBoundingClientRect().top + plots[2].valToPos(20, 'y')])"""
 
 
 @needs_browser
-def test_a_browser_draws_all_curves_zooms_them_together_and_selects_joints(
-    faulty_page: Path, tmp_path: Path
-) -> None:
-    states = read_log(faulty_page.with_suffix('.mcap'))['/joint_states']
-    with opened(faulty_page.absolute().as_uri(), tmp_path) as page:
-        count = drawn(page)
-        curves = dict(json.loads(page.value(CURVES)))
+def test_a_browser_draws_all_curves(browser: Any, faulty: Path) -> None:
+    states = read_log(faulty.with_suffix('.mcap'))['/joint_states']
+    with drawn(browser, faulty) as count:
+        curves = dict(json.loads(browser.value(CURVES)))
         assert count == len(curves) + 1  # and the timeline
         assert curves.keys() >= {'position [rad]', 'commanded effort [N m]', 'energy [J]'}
         for item, unit in (('velocity', 'rad/s'), ('effort', 'N m')):
@@ -653,46 +666,36 @@ def test_a_browser_draws_all_curves_zooms_them_together_and_selects_joints(
                 values = getattr(states, item)[:, k]
                 assert length == len(values)
                 assert [first, last] == pytest.approx(values[[0, -1]], rel=1e-6)
-        # A drag over the second plot.
-        drag = ('mousePressed', 0.25), ('mouseMoved', 0.5), ('mouseReleased', 0.5)
-        box = json.loads(page.value('JSON.stringify(plots[1].over.getBoundingClientRect())'))
-        y = box['top'] + box['height'] / 2
-        for kind, part in drag:
-            x = box['left'] + part * box['width']
-            page.call(
-                'Input.dispatchMouseEvent',
-                type=kind,
-                x=x,
-                y=y,
-                button='left',
-                buttons=1,
-                clickCount=1,
-            )
-        ranges = json.loads(page.value(RANGES))
-        assert all(found == ranges[0] for found in ranges)
-        assert 0.15 < ranges[0][0] < 0.3 < 0.4 < ranges[0][1] < 0.55
-        page.value("document.getElementById('all').click()")
-        assert json.loads(page.value(RANGES))[0][0] < 0.01
-        # One joint alone, then both.
-        shows = 'JSON.stringify(plots[2].series.slice(1).map((s) => s.show))'
-        page.value("document.querySelectorAll('#joints button')[1].click()")
-        assert json.loads(page.value(shows)) == [False, True]
-        page.value(SHIFT_CLICK)
-        assert json.loads(page.value(shows)) == [True, True]
-        assert page.console == []
 
 
 @needs_browser
-def test_a_page_is_light_or_dark_and_its_curves_are_seen_in_both(
-    faulty_page: Path, tmp_path: Path
-) -> None:
-    with opened(faulty_page.absolute().as_uri(), tmp_path) as page:
-        drawn(page)
+def test_a_drag_zooms_all_plots_and_a_click_selects_a_joint(browser: Any, faulty: Path) -> None:
+    with drawn(browser, faulty):
+        box = json.loads(browser.value('JSON.stringify(plots[1].over.getBoundingClientRect())'))
+        mouse = {'y': box['top'] + box['height'] / 2, 'button': 'left', 'buttons': 1}
+        for kind, part in (('mousePressed', 0.25), ('mouseMoved', 0.5), ('mouseReleased', 0.5)):
+            x = box['left'] + part * box['width']
+            browser.call('Input.dispatchMouseEvent', type=kind, x=x, clickCount=1, **mouse)
+        ranges = json.loads(browser.value(RANGES))
+        assert all(found == ranges[0] for found in ranges)
+        assert 0.15 < ranges[0][0] < 0.3 < 0.4 < ranges[0][1] < 0.55
+        browser.value("document.getElementById('all').click()")
+        assert json.loads(browser.value(RANGES))[0][0] < 0.01
+        shows = 'JSON.stringify(plots[2].series.slice(1).map((s) => s.show))'
+        browser.value("document.querySelectorAll('#joints button')[1].click()")
+        assert json.loads(browser.value(shows)) == [False, True]
+        browser.value(SHIFT_CLICK)
+        assert json.loads(browser.value(shows)) == [True, True]
+
+
+@needs_browser
+def test_curves_are_seen_in_light_and_dark(browser: Any, faulty: Path) -> None:
+    with drawn(browser, faulty):
         colours = []
         for dark in (False, True):
             if dark:
-                page.value("document.getElementById('theme').click()")
-            pixels = page.pixels().astype(int)
+                browser.value("document.getElementById('theme').click()")
+            pixels = browser.pixels().astype(int)
             # The corner is background; curves are the only saturated colours but red.
             assert (pixels[-5, 5].mean() < 80) == dark
             plots = pixels[60:, 400:]
@@ -702,42 +705,29 @@ def test_a_page_is_light_or_dark_and_its_curves_are_seen_in_both(
             assert vivid.any(axis=0).mean() > 0.6
             colours.append(np.median(plots[vivid], axis=0))
         assert (colours[0] != colours[1]).any()
-        assert page.console == []
 
 
 @needs_browser
-def test_limits_of_a_joint_are_drawn_when_it_is_seen_alone(
-    faulty_page: Path, tmp_path: Path
-) -> None:
-    with opened(faulty_page.absolute().as_uri(), tmp_path) as page:
-        drawn(page)
-        page.value('box.querySelectorAll(".plot")[2].scrollIntoView()')
+def test_limits_of_a_joint_are_drawn_when_it_is_seen_alone(browser: Any, faulty: Path) -> None:
+    with drawn(browser, faulty):
+        browser.value('box.querySelectorAll(".plot")[2].scrollIntoView()')
 
         def red() -> int:
             """Return the number of red pixels in the row of the shoulder's velocity limit."""
-            place = json.loads(
-                page.value(
-                    'JSON.stringify([plots[2].over.getBoundingClientRect().left, '
-                    'plots[2].over.getBoundingClientRect().top + plots[2].valToPos(20, "y")])'
-                )
-            )
-            x, y = round(place[0]), round(place[1])
-            rows = page.pixels().astype(int)[y - 2 : y + 3, x:-40]
+            x, y = (round(place) for place in json.loads(browser.value(LIMIT)))
+            rows = browser.pixels().astype(int)[y - 2 : y + 3, x:-40]
             return int(((rows[..., 0] - rows[..., 1:].max(axis=2)) > 60).any(axis=0).sum())
 
         before = red()
-        page.value("document.querySelectorAll('#joints button')[0].click()")
+        browser.value("document.querySelectorAll('#joints button')[0].click()")
         wait_until(lambda: red() > before + 100)
 
 
 @needs_browser
-def test_hostile_names_draw_without_errors(tmp_path: Path) -> None:
+def test_hostile_names_draw_without_errors(browser: Any, tmp_path: Path) -> None:
     rows = states([HOSTILE, 'b'], TIMES, topic=f'/{HOSTILE}/joint_states')
-    out = tmp_path / 'page.html'
-    shown(write_bag(tmp_path / 'a.mcap', rows)).write(out)
-    with opened(out.absolute().as_uri(), tmp_path / 'browser') as page:
-        assert drawn(page) == 3
-        assert page.value("document.querySelector('#joints button').textContent").startswith(
-            '</script>'
-        )
-        assert page.console == []
+    shown(write_bag(tmp_path / 'a.mcap', rows)).write(tmp_path / 'page.html')
+    with drawn(browser, tmp_path / 'page.html') as count:
+        assert count == 3
+        name = browser.value("document.querySelector('#joints button').textContent")
+        assert name.startswith('</script>')

@@ -60,9 +60,10 @@ def create_endpoints(
     """Create a publisher for each output and a subscription for each input among some roles.
 
     `topics` has the topics that differ from the table; `receive` is called with role and bytes of
-    each message, on the executor's thread.
+    each message, on the executor's thread. ValueError if two roles have one topic.
     """
-    publishers, subscriptions = {}, {}
+    publishers: dict[str, Any] = {}
+    subscriptions: dict[str, Any] = {}
     # No events of the middleware: graph.py logs the same with the names of nodes and a remedy.
     for role, row in ROLES.items():
         if role not in roles:
@@ -86,6 +87,11 @@ def create_endpoints(
                 event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
                 qos_overriding_options=OVERRIDABLE,
             )
+    names: dict[str, str] = {}
+    for role, end in {**subscriptions, **publishers}.items():
+        other = names.setdefault(end.topic_name, role)
+        if other != role:
+            raise ValueError(f'{other} and {role} have one topic, {end.topic_name}')
     return Endpoints(publishers, subscriptions)
 
 

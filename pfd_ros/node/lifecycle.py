@@ -46,7 +46,7 @@ from pfd_ros.node import parameters
 from pfd_ros.node.diagnostics import ERROR, OK, DiagnosticsPublisher, Task
 from pfd_ros.node.report import Report, introduce, report_arm, summary
 from pfd_ros.node.sim_arm import SimArm
-from pfd_ros.node.threads import END_SECONDS, Threads, described
+from pfd_ros.node.threads import END_SECONDS, Threads, described, reason
 from pfd_ros.text import one_line
 
 NAME = 'sim_arm'
@@ -142,7 +142,7 @@ class SimArmNode(LifecycleNode):
             except self._mistakes as error:
                 self._error = error
                 if not self._starting:
-                    self._report.log(f'{name} failed: {one_line(error)}', error=True)
+                    self._report.log(f'{name} failed: {reason(error)}', error=True)
                 return TransitionCallbackReturn.FAILURE
             except Exception as error:
                 self._error = error

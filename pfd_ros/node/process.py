@@ -29,8 +29,8 @@ from rclpy.task import Future
 from rclpy.utilities import remove_ros_args, try_shutdown
 
 from pfd_ros.node.lifecycle import NAME, SimArmNode
-from pfd_ros.node.threads import END_SECONDS, Threads
-from pfd_ros.text import cut, listed, one_line
+from pfd_ros.node.threads import END_SECONDS, Threads, reason
+from pfd_ros.text import cut, listed
 
 REPORT_SECONDS = 1.0
 # In these wheels spin() without a timeout never runs a callback; this is three years.
@@ -74,7 +74,7 @@ def run(args: list[str], stop: threading.Event, companion: Companion | None = No
     try:
         return 0 if stop.is_set() else _run(args, stop, companion)
     except MISTAKES as error:
-        print(f'{NAME}: {one_line(error)}', file=sys.stderr)
+        print(f'{NAME}: {reason(error)}', file=sys.stderr)
         return 1
     except Exception:
         traceback.print_exc()

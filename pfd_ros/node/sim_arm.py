@@ -94,9 +94,9 @@ class SimArm:
         settings = with_scene_text(settings)
         with compile_report(log.info, model.robot.name):
             frames = model.recorded_frames(settings, log.warning)
-            recorded = {REQUESTS, PARAMETERS, *NODE_ASIDES} if settings.recording else set()
+            recorded = NODE_ASIDES if settings.recording else ()
             visible = frames.roles if frames is not None else ()
-            roles = topic_roles(settings) | recorded | {*visible}
+            roles = topic_roles(settings) | {REQUESTS, PARAMETERS, *recorded, *visible}
             self.engine = Engine(settings, model.robot, roles, frames)
             kernels = MassKernels(self.engine)
         inbox = self.inbox = Inbox(report.count)

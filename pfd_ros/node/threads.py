@@ -54,6 +54,13 @@ class Threads:
         return not thread.is_alive()
 
 
+def reason(error: Exception) -> str:
+    """Return one line about a mistake of the user, which names the file that it is about."""
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        return one_line(f'{error.filename}: {error.strerror}')
+    return one_line(error)
+
+
 def described(error: BaseException) -> str:
     """Return one line about an unexpected error, with its location."""
     where = traceback.extract_tb(error.__traceback__)[-1]

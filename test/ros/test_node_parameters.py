@@ -58,7 +58,7 @@ BAD = [
     (('-p', 'armature.jiont1:=1.0'), "similar names: ['armature.joint1']"),
     (('-p', 'recording_max_size:=100'), "no parameter 'recording_max_size' any more"),
     (('-p', 'qos_overrides./joint_states.publisher.history:=keep_all'), "history']; similar"),
-    (('-p', 'recording:=there.mcap'), 'the file exists and is not overwritten'),
+    (('-p', 'recording:=there.mcap'), 'there.mcap: the file exists and is not overwritten'),
     (('--params-file', 'nix.yaml'), 'nix.yaml'),
     (('-p', 'recording:=folder'), 'the file exists and is not overwritten'),
     (('-p', 'recording:=fifo'), 'the file exists and is not overwritten'),
@@ -75,6 +75,7 @@ BAD = [
     (('-p', 'substeps:=1000000000000'), 'substeps out of range'),
     (('--params-file', 'large.yaml'), 'joints holds 300000 values, expected 1000 at most'),
     (('-r', '__node:={x}'), 'remap rule'),
+    (('-r', 'joint_commands:=joint_states'), 'joint_commands and joint_states have one topic'),
     (('-x',), "['-x']"),
 ]
 

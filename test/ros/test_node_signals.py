@@ -79,18 +79,6 @@ def test_two_signals_are_a_clean_end(processes: Processes, apart: float) -> None
         assert process.process.wait(PATIENCE) == 0
 
 
-@pytest.mark.slow
-def test_any_burst_of_signals_at_any_moment_ends_a_process_by_itself(
-    processes: Processes,
-) -> None:
-    # A process that closes at once has no time to be killed by the burst: always status 0.
-    # Each number of signals with each time between them.
-    for k in range(28):
-        process = processes.python(FAULTY, 'stub_ends')
-        process.wait_for_text('steps')
-        assert process.end(*(INT, TERM, HUP, INT)[: 1 + k % 4], apart=0.001 * (k % 7)) == 0
-
-
 def test_an_ignored_hangup_stays_ignored_and_an_ignored_interrupt_does_not(
     processes: Processes,
 ) -> None:

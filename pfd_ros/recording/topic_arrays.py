@@ -149,6 +149,13 @@ def decoder_of(topic: BagTopic) -> Decoder:
     return Decoder(topic.type, topic.definition)
 
 
+def _shared(values: NDArray[Any]) -> NDArray[Any]:
+    """Return equal values as one that all rows share, others as they are."""
+    if len(values) and (values == values[0]).all():
+        return np.broadcast_to(values[:1], values.shape)
+    return values
+
+
 class TopicReader:
     """Reads the messages of a topic and decodes them in blocks."""
 
@@ -250,7 +257,7 @@ class TopicReader:
             simulated_ns,
             total - len(places),
             names,
-            groups,
+            _shared(groups),
             tuple(self._lists),
         )
 
@@ -263,7 +270,9 @@ class TopicReader:
         for path in list(pieces[0]):
             parts = [piece.pop(path) for piece in pieces]
             if not self._groups or path not in JOINT_FIELDS:
-                found |= joined([{path: part} for part in parts])
+                (found[path],) = joined([{path: part} for part in parts]).values()
+                if found[path].dtype == object and found[path].ndim == 1:
+                    found[path] = _shared(found[path])
                 continue
             filled = max(count, sum(part.size for part in parts))
             if count * len(names) > PADDED + MOST_PADDING * filled:

@@ -381,7 +381,7 @@ def test_a_message_costs_the_memory_of_its_numbers(tmp_path: Path) -> None:
     tracemalloc.stop()
     assert len(log[STATES]) == count
     # 144 bytes of position, velocity and effort; stamps, log times and places of frame names.
-    assert held < 200 * count
+    assert held < 180 * count
     assert most < 320 * count
 
 

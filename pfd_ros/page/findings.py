@@ -30,7 +30,7 @@ from pfd_ros.arm.events import (
 )
 from pfd_ros.messages.types import DIAGNOSTICS
 from pfd_ros.page.recorded import Array, Recorded
-from pfd_ros.text import one_line
+from pfd_ros.text import cut, one_line
 
 T = TypeVar('T', bound=Hashable)
 BAD, WARNING, NOTE = 'bad', 'warning', 'note'
@@ -92,11 +92,13 @@ def _limits(run: Recorded) -> Iterator[Finding]:
 
 
 def _without_limits(run: Recorded) -> str:
-    if any(np.isfinite(x).any() for joints in run.joints for x in joints.bounds.values()):
-        return ''
-    return (
-        'the log names no robot; --robot adds one' if run.robot is None else 'the robot has none'
-    )
+    if run.robot is None:
+        return 'the log names no robot; --robot adds one'
+    names = {name for joints in run.joints for name in joints.names}
+    if names.isdisjoint(run.robot.joint_names):
+        return f'no joint of the log is one of {cut(run.robot.name)}'
+    bounds = [x for joints in run.joints for x in joints.bounds.values()]
+    return '' if any(np.isfinite(x).any() for x in bounds) else 'the robot has none'
 
 
 def _not_finite(run: Recorded) -> Iterator[Finding]:

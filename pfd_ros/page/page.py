@@ -34,7 +34,7 @@ from pfd_ros.page.curves import Plot, Reference, commanded_positions, encoded, p
 from pfd_ros.page.findings import BAD, NOTE, Finding, commands_end, find
 from pfd_ros.page.recorded import Array, Joints, Recorded
 from pfd_ros.recording.arrays import LogArrays
-from pfd_ros.recording.format import damage_named
+from pfd_ros.recording.format import FIRST_EDITION, HeadKey, damage_named
 from pfd_ros.text import cut, one_line
 
 # What a page reads of a log.
@@ -122,6 +122,8 @@ def _page(run: Recorded, marks: Sequence[Moment | Reference]) -> Page:
     first = next((x for x in found if x.severity != NOTE), None)
     if not run.log.complete:
         run.notes['the file is cut off: it was not closed, and the page is up to the cut'] = None
+    if run.log.bag.head.get(HeadKey.FORMAT) in FIRST_EDITION:
+        run.notes['a recording of the first edition: read as the log of another program'] = None
     if not run.joints and not run.unreadable:
         run.notes['the log has no joint states'] = None
     said, severity = _said(run, first)

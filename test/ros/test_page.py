@@ -374,6 +374,8 @@ def test_a_log_in_another_order_is_drawn_in_the_order_of_log_times(tmp_path: Pat
 def test_the_robot_of_another_log_gives_its_limits(tmp_path: Path) -> None:
     path, robot = write_bag(tmp_path / 'a.mcap', states(UR5, TIMES)), pfd.load_robot('ur5')
     assert 'limits (the log names no robot; --robot adds one)' in shown(path).html
+    other = shown(path, robot=pfd.load_robot('planar2'))
+    assert 'limits (no joint of the log is one of planar2)' in other.html
     page = shown(path, robot=robot)
     assert re.search('Checked: limits', page.html)
     assert page.plots[1].title == 'velocity [rad/s]'
@@ -525,6 +527,16 @@ def test_random_and_damaged_messages_are_shown_or_named(seed: int, tmp_path: Pat
     assert page.plots
     assert len(data_of(page)['plots']) == len(page.plots)
     assert [x.time for x in page.findings] == sorted(x.time for x in page.findings)
+
+
+def test_a_recording_of_the_first_edition_is_named_as_such(tmp_path: Path) -> None:
+    simulate(tmp_path / 'a.mcap', 20)
+    path = rewritten(
+        tmp_path / 'a.mcap',
+        tmp_path / 'b.mcap',
+        metadata=lambda name, found: {**found, 'format': '2'} if 'format' in found else found,
+    )
+    assert any('first edition' in note for note in shown(path).notes)
 
 
 @pytest.mark.parametrize(

@@ -48,14 +48,6 @@ SETTINGS = {
 }
 # Roles that are in recordings alone.
 RECORDED = ('tf', 'tf_static', 'rejected_counts')
-TESTING = (
-    'lockstep_arm.LockstepArm',
-    'trajectory.Trajectory',
-    'process_arm.ProcessArm',
-    'controller.ControllerError',
-    'controllers.NoAnswerError',
-    'rejections.RejectedError',
-)
 
 
 def cell(text: object) -> str:
@@ -286,12 +278,11 @@ def _fixtures() -> str:
 
 
 def _testing() -> str:
-    parts = []
-    for path in TESTING:
-        name = f'pfd_ros.testing.{path}'
-        module, _, last = name.rpartition('.')
-        parts.append(_directive(name, getattr(importlib.import_module(module), last)))
-    return '\n'.join(parts)
+    return '\n'.join(
+        _directive(f'pfd_ros.testing.{name}', getattr(testing, name))
+        for name in testing.__all__
+        if isinstance(getattr(testing, name), type)
+    )
 
 
 def _map(package: Any) -> str:

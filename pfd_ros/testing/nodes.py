@@ -430,7 +430,7 @@ class NodeLink:
             self._check_processes()
         if self._period and time - self._commanded > self._period * (1 + 1e-6):
             raise NoAnswerError(
-                f'no command since t = {self._commanded:.6g} s {self._where()}: the nodes have '
+                f'no command since t = {self._commanded:.6g} s, {self._where()}: the nodes have '
                 f'finished their callbacks; one is expected every {self._period:g} s'
             )
         if self._came:

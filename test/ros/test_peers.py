@@ -8,10 +8,12 @@ from pathlib import Path
 import subprocess
 import sys
 
-from bridge import DDS_LOOPBACK, ControllerProcess, claimed_domain, domain_environment_to_kill
+from bridge import DDS_LOOPBACK, claimed_domain, domain_environment_to_kill
 import pytest
 from ros_processes import Processes
 from waiting import PATIENCE, wait_until
+
+from pfd_ros.testing import ControllerProcess
 
 # Where peers shared memory, every tenth round or so died.
 ROUNDS = 60

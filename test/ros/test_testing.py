@@ -386,9 +386,9 @@ ROWS: list[tuple[str, type[Exception], dict[str, str]]] = [
         {
             'states': rf'no answer for 0\.6 s to the state {AT}: commands stopped after {BEFORE} '
             'answers, and the nodes have finished their callbacks',
-            'timer': rf'no command since {AT[3:]} {AFTER}: the nodes have finished their callbacks'
+            'timer': rf'no command since {AT[3:]}, {AFTER}: the nodes have finished their callbacks'
             r'; one is expected every 0\.002 s',
-            'process': rf'no command since {AT[3:]} {AFTER}: the nodes have finished',
+            'process': rf'no command since {AT[3:]}, {AFTER}: the nodes have finished',
         },
     ),
     (

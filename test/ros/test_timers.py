@@ -190,7 +190,7 @@ def test_a_period_of_the_controller_is_a_check_of_its_commands(
     node = node_of('filter')
     with LockstepArm(**UR5) as arm:
         assert len(arm.spin(0.05, node, controller_period=0.005).time) == 50
-        text = r'no command since t = \S+ s .*; one is expected every 0\.004 s'
+        text = r'no command since t = \S+ s, at .*; one is expected every 0\.004 s'
         with pytest.raises(NoAnswerError, match=text):
             arm.spin(0.05, node, controller_period=0.004)
     node.destroy_node()

@@ -201,9 +201,9 @@ def main(kind: str, fault: str = '') -> None:
     executor.add_node(node)
     try:
         executor.spin()
-    finally:
-        del helper
-        os._exit(0)
+    except KeyboardInterrupt:
+        os._exit(0)  # the helper's thread still spins
+    del helper
 
 
 if __name__ == '__main__':

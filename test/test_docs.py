@@ -35,13 +35,13 @@ NAMED = re.compile(r'\bdocs/[\w/-]+\.md\b')
 # the command of the tests).
 RUN = {
     ('README.md', 'sh'): 'test_docs.py',
-    ('README.md', 'py'): 'test_testing_example.py',
+    ('README.md', 'py'): 'test_testing_artifacts.py',
     ('README.md', 'python'): 'test_guides.py',
     ('docs/install.md', 'sh'): 'test_site.py',
     ('docs/guides/node.md', 'sh'): 'test_docs.py',
     ('docs/guides/library.md', 'py'): 'test_docs.py',
-    ('docs/guides/testing-a-controller.md', 'py'): 'test_testing_example.py',
-    ('docs/examples/controller_package/README.md', 'sh'): 'test_testing_example.py',
+    ('docs/guides/testing-a-controller.md', 'py'): 'test_testing_artifacts.py',
+    ('docs/examples/controller_package/README.md', 'sh'): 'test_testing_artifacts.py',
 }
 # Guides of which one test runs every block.
 RUN_AS_PRINTED = {

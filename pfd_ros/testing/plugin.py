@@ -76,15 +76,18 @@ def sim_arm(
 def sim_node(ros_domain: int) -> Iterator[Callable[..., Any]]:
     """Return a function that starts the node itself: sim_node(robot='ur5', ros_args=[...]).
 
-    It takes parameters of the node. The process runs in real time, in the domain of the test, and
-    is ended with it; the test fails if the node did.
+    It takes parameters of the node, and returns when the node publishes. The process runs in real
+    time, in the domain of the test, and ends with it; the test fails if the node does.
     """
     from pfd_ros.testing.process import NodeProcess
 
     with ExitStack() as processes:
 
         def start(*, ros_args: Sequence[str] = (), **parameters: Any) -> Any:
-            return processes.enter_context(NodeProcess(parameters, ros_args))
+            node = NodeProcess(parameters, ros_args)
+            processes.enter_context(node)
+            node.wait()
+            return node
 
         yield start
 

@@ -14,6 +14,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 from typing import Any
 
 import yaml
@@ -35,6 +36,8 @@ os.execvp(command[0], command)
 """
 # Of the output, in the text of an error.
 LAST_LINES = 15
+# Between two looks at whether the node has started, s.
+LOOK_SECONDS = 0.02
 # From SIGINT, which ends a node, to SIGKILL: of a controller, and of the node with its recording.
 END_SECONDS, NODE_END_SECONDS = 5.0, 20.0
 
@@ -185,9 +188,25 @@ class NodeProcess(ControllerProcess):
         chosen = {names.get(name, name): value for name, value in parameters.items()}
         with tempfile.NamedTemporaryFile('w', suffix='.yaml', delete=False) as file:
             yaml.safe_dump({'/**': {'ros__parameters': chosen}}, file)
-        self._file = file.name
-        command = [sys.executable, '-m', 'pfd_ros.node.main', '--ros-args', *ros_args]
+        self._file, self._ros_args = file.name, ['--ros-args', *ros_args]
+        command = [sys.executable, '-m', 'pfd_ros.node.main', *self._ros_args]
         super().__init__([*command, '--params-file', file.name])
+
+    def wait(self) -> None:
+        """Return when the node publishes, NodeProcessError if it ends; rclpy must be there."""
+        from rclpy.node import Node
+
+        named = Node('sim_arm', cli_args=self._ros_args, enable_rosout=False)
+        topic = named.resolve_topic_name('~/rejected')
+        named.destroy_node()
+        watching = Node('_sim_node_starts', enable_rosout=False)
+        try:
+            while not watching.count_publishers(topic):
+                if self.end():
+                    raise NodeProcessError(f'the node {self.end()}{self.tail()}')
+                time.sleep(LOOK_SECONDS)
+        finally:
+            watching.destroy_node()
 
     def close(self) -> None:
         """End the node as Ctrl-C does.

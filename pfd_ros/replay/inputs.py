@@ -8,15 +8,17 @@ Of a recording, an input that acted from a time on acts from the first step at o
     other joints   commands without names are permuted, or become commands by name
 
 Of any bag, the arm is set to the first complete state of the bag in its first cycle. After that
-each cycle begins under the newest effort of each joint: zero-order hold.
+the commands of the bag are inputs of the first step at or after their times.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 import json
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,6 +28,7 @@ from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import (
     ALL_NAN,
     ARRAY,
+    COMMANDS,
     INPUTS,
     NAMED,
     REJECTED,
@@ -59,9 +62,12 @@ Put = Callable[[Sequence[Message], int], object]
 
 
 class Input(NamedTuple):
-    """An input for an arm, the cycle that is to take it, and the rule that it broke before."""
+    """An input for an arm, the cycle that is to take it, and the rule that it broke before.
 
-    message: Message
+    The last one has no message: the log ends before its cycle.
+    """
+
+    message: Message | None
     cycle: int
     broke: str = ''
 
@@ -72,6 +78,8 @@ class Run:
 
     Attributes
     ----------
+    accepted
+        Number of accepted commands.
     rejected
         Number of inputs that were accepted before and are not, or the other way, by result.
     first_rejected
@@ -81,19 +89,14 @@ class Run:
         a failure.
     """
 
+    accepted: int = 0
     rejected: Counter[str] = field(default_factory=Counter)
     first_rejected: str = ''
     failure: str = ''
     failed_ns: int = 0
 
 
-def run_inputs(
-    source: Log | BagInputs,
-    engine: Engine,
-    put: Put,
-    *,
-    nudged: bool = False,
-) -> Run:
+def run_inputs(source: Log | BagInputs, engine: Engine, put: Put, *, nudged: bool = False) -> Run:
     """Run an arm under the inputs of a log, up to its end.
 
     Parameters
@@ -112,35 +115,31 @@ def run_inputs(
     LogError
         If the log is damaged.
     """
-    found, waiting = Run(), list[Message]()
-    moved = MovedInputs(source, engine) if isinstance(source, Log) else source.of(engine)
-    state = engine.state
-
-    def advance(cycle: int) -> None:
+    found, waiting, state = Run(), list[Message](), engine.state
+    inputs = _moved(source, engine) if isinstance(source, Log) else source.inputs(engine)
+    for message, cycle, broke in inputs:
         # An arm that waits takes the next input at once.
-        while engine.state.cycle < cycle and not engine.waiting:
+        while state.cycle < cycle - 1 and not engine.waiting:
             messages = [*waiting, *engine.step()[0]]
             waiting.clear()
             put(messages, engine.stamp_ns)
-            if engine.state.failure and not found.failure:
-                found.failure = engine.state.failure
-                found.failed_ns = engine.stamp_ns - engine.state.origin_ns
-
-    for message, cycle, broke in moved:
-        advance(cycle - 1)
+            if state.failure and not found.failure:
+                found.failure = state.failure
+                found.failed_ns = engine.stamp_ns - state.origin_ns
+        if message is None:
+            break
         if nudged and message.role == SET_STATE:
             message = message._replace(data=_nudged(message.data))
         messages, (verdict,) = engine.step([message], run=False)
         waiting += messages
+        found.accepted += verdict.accepted and message.role in COMMANDS
         label = '' if verdict.accepted or verdict.label == ALL_NAN.label else verdict.label
         if bool(label) != bool(broke):
             found.rejected[label or 'accepted'] += 1
-            if not found.first_rejected:
-                found.first_rejected = (
-                    f'cycle {state.cycle + 1}: {message.role} is {verdict.label} '
-                    f'({cut(verdict.detail, 200)}), was {broke or "accepted"}'
-                )
-    advance(moved.last)
+            found.first_rejected = found.first_rejected or (
+                f'cycle {state.cycle + 1}: {message.role} is {verdict.label} '
+                f'({cut(verdict.detail, 200)}), was {broke or "accepted"}'
+            )
     put([*waiting, *engine.counts()], engine.stamp_ns)
     return found
 
@@ -158,58 +157,49 @@ def _nudged(data: bytes) -> bytes:
         return data
 
 
-class MovedInputs:
-    """The inputs of a recording for another arm, in order.
+def _moved(log: Log, engine: Engine) -> Iterator[Input]:
+    """Yield the inputs of a recording, in order; the result of each is the message after it."""
+    move, before = _Moves(log, engine), None
+    last = states = 0
+    for message in log.messages():
+        if before is not None:
+            yield from move.moved(before, _broken(message, before))
+        before = message if message.role in INPUTS else None
+        states += message.role == STATES
+        # Inputs, and what was refused of them, have the cycle that follows.
+        last = max(last, message.cycle - (before is not None or message.role == REJECTED))
+        _check(log, last, states)
+    if before is not None:
+        yield from move.moved(before, '')
+    if log.end:
+        last = max(last, log.end[EndKey.TOTALS]['cycles'])
+        _check(log, last, states)
+    yield Input(None, move.begin(last + 1))
 
-    Attributes
-    ----------
-    last
-        The cycle that ends the recording, in steps of the other arm; known at its end.
-    """
+
+def _check(log: Log, cycle: int, states: int) -> None:
+    """Raise LogError for a cycle far beyond the recorded states: no run would get there."""
+    old = log.settings
+    if cycle > (states + MISSING) * 2.0 * old.publish_every / (1.0 - old.drop_state):
+        raise LogError(f'{log.path}: cycle {cycle} after {states} recorded states: it is damaged')
+
+
+class _Moves:
+    """How an input of a recording becomes one of another arm."""
 
     def __init__(self, log: Log, engine: Engine) -> None:
         old, new = log.settings, engine.state.first
-        self._log, self._engine = log, engine
+        self._engine = engine
         self._old_ns, self._new_ns = old.step_ns, new.step_ns
         self._restamped = old.step_ns != new.step_ns or old.start_ns != new.start_ns
-        self._names = published_names(old, log)
-        self.last = self._stepped = self._states = 0
-        # Cycles from one published state to the next, with those that the sensors drop.
-        self._each = 2.0 * old.publish_every / (1.0 - old.drop_state)
+        self._names, self._stepped = published_names(old, log), 0
 
-    def __iter__(self) -> Iterator[Input]:
-        """Yield the inputs; the result of each is the message after it."""
-        before: Message | None = None
-        last = 0
-        for message in self._log.messages():
-            if before is not None:
-                yield from self._moved(before, _broken(message, before))
-            before = message if message.role in INPUTS else None
-            self._states += message.role == STATES
-            # Inputs, and what was refused of them, have the cycle that follows.
-            ahead = before is not None or message.role == REJECTED
-            last = max(last, message.cycle - ahead)
-            self._check(last)
-        if before is not None:
-            yield from self._moved(before, '')
-        if self._log.end:
-            last = max(last, self._log.end[EndKey.TOTALS]['cycles'])
-            self._check(last)
-        self.last = self._begin(last + 1) - 1
-
-    def _check(self, cycle: int) -> None:
-        """Raise LogError for a cycle far beyond the recorded states: no run would get there."""
-        if cycle > self._each * (self._states + MISSING):
-            raise LogError(
-                f'{self._log.path}: cycle {cycle} after {self._states} recorded states: it is '
-                'damaged'
-            )
-
-    def _begin(self, cycle: int) -> int:
+    def begin(self, cycle: int) -> int:
         """Return the first new cycle that begins with an old one, or later."""
         return 1 - (-(cycle - 1) * self._old_ns // self._new_ns)
 
-    def _moved(self, message: Message, broke: str) -> Iterator[Input]:
+    def moved(self, message: Message, broke: str) -> Iterator[Input]:
+        """Yield the input; nothing for one without a meaning in the new run."""
         role, data, cycle = message
         if broke in ('stale', 'future'):
             # Refused for the time at which it came, which is another one now.
@@ -221,7 +211,7 @@ class MovedInputs:
         if role == REQUESTS and not broke and self._old_ns != self._new_ns:
             data = self._rescaled(data, cycle)
         if data:
-            yield Input(Message(role, data), self._begin(cycle), broke)
+            yield Input(Message(role, data), self.begin(cycle), broke)
 
     def _renamed(self, data: bytes) -> tuple[str, bytes]:
         names = self._engine.names
@@ -237,16 +227,13 @@ class MovedInputs:
 
     def _rescaled(self, data: bytes, cycle: int) -> bytes:
         """Return a request, of steps for as much time; b'' if that is less than a step."""
-        try:
-            values = json.loads(decode_string(data))
-            if values['request'] != 'step':
-                return data
-            self._stepped = max(self._stepped, cycle - 1) + values.get('count', 1)
-            state = self._engine.state
-            count = self._begin(self._stepped + 1) - 1 - state.cycle - state.left
-            return encode_request('step', count=count) if count > 0 else b''
-        except (ValueError, TypeError, KeyError):  # refused as it is
+        values = json.loads(decode_string(data))
+        if values['request'] != 'step':
             return data
+        self._stepped = max(self._stepped, cycle - 1) + values.get('count', 1)
+        state = self._engine.state
+        count = self.begin(self._stepped + 1) - 1 - state.cycle - state.left
+        return encode_request('step', count=count) if count > 0 else b''
 
 
 def published_names(settings: Settings, log: Log) -> tuple[str, ...]:
@@ -285,8 +272,6 @@ class BagInputs:
         The topic of the states.
     times
         'stamps' in the headers if both topics have them, else 'log times'.
-    skipped
-        Number of unused messages, by reason.
     start_ns
         Time of the first state, ns; known for an arm.
 
@@ -304,9 +289,7 @@ class BagInputs:
         rename: Mapping[str, str] | None = None,
     ) -> None:
         self._rename = rename or {}
-        log = renamed(log, self._rename)
-        self.log, self._commands = log, commands
-        self.skipped: Counter[str] = Counter()
+        self.log, self._commands = renamed(log, self._rename), commands
         present = sorted(name for name, times in log.received_ns.items() if len(times))
         if commands not in present:
             raise LogError(
@@ -325,7 +308,7 @@ class BagInputs:
                 f'{log.path}: topic {cut(self.states)!r} has no {JOINT_STATE} with positions; '
                 f'topics with positions are {listed(self._with_positions())}'
             )
-        topics = log[commands], log[self.states]
+        topics = self.log[commands], self.log[self.states]
         self.times = 'stamps' if all(topic.stamped for topic in topics) else 'log times'
         self.start_ns = 0
 
@@ -390,16 +373,17 @@ class BagInputs:
         data = encode_joints(known, q, np.where(np.isfinite(qd), qd, 0.0))
         return int(self.times_of(states)[last]), data
 
-    def of(self, engine: Engine) -> _BagRun:
-        """Return the inputs for an arm whose settings were `settled`.
+    def inputs(self, engine: Engine) -> Iterator[Input]:
+        """Yield the inputs for an arm whose settings were `settled`.
 
         Raises
         ------
         LogError
-            If no command has an effort for a joint of the arm, or the clock was changed.
+            If the clock was changed.
         """
-        times, efforts = self._efforts(engine.names)
+        commands = sorted(self._efforts(), key=itemgetter(0))
         ends = self.times_of(self.log[self.states])
+        times = np.array([at for at, _ in commands], np.int64)
         every = np.sort(np.concatenate([times, ends]))
         gaps = np.diff(every[every >= self.start_ns]) / NANOSECONDS
         if len(gaps) and gaps.max() > LONGEST_GAP:
@@ -409,75 +393,41 @@ class BagInputs:
             )
         step_ns = engine.state.first.step_ns
         # Cycle k begins k - 2 steps after the first state, which the first cycle sets.
-        cycles = 2 + np.maximum(0, -((self.start_ns - times) // step_ns))
-        end = 1 - (self.start_ns - int(ends.max())) // step_ns
-        inputs = [Input(Message(SET_STATE, self._first), 1)]
-        taken, starts = np.unique(cycles, return_index=True)
-        for cycle, rows in zip(taken.tolist(), np.split(efforts, starts[1:]), strict=True):
-            if cycle <= end:
-                newest = rows[0]
-                for row in rows[1:]:
-                    newest = np.where(np.isnan(row), newest, row)
-                data = encode_joints(engine.names, effort=newest)
-                inputs.append(Input(Message(NAMED, data), cycle))
-        return _BagRun(inputs, end)
+        end = 2 - (self.start_ns - int(ends.max())) // step_ns
+        yield Input(Message(SET_STATE, self._first), 1)
+        for at, message in commands:
+            cycle = 2 + max(0, -((self.start_ns - at) // step_ns))
+            if cycle < end:
+                yield Input(message, cycle)
+        yield Input(None, end)
 
-    def _efforts(self, names: tuple[str, ...]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return the times of commands by time, (k,), and efforts of these joints, (k, n)."""
-        self.skipped.clear()
-        times, rows = list[int](), list[NDArray[Any]]()
-        place = {name: k for k, name in enumerate(names)}
-        received = self.log.received_ns[self._commands].tolist()
-        joints_named = self.log.topics[self._commands] == JOINT_STATE
-        for at, data in zip(received, self.log.messages(self._commands), strict=True):
-            efforts = np.full(len(names), np.nan)
-            try:
-                if not joints_named:
-                    efforts = decode_floats(data)
-                    if len(efforts) != len(names):
-                        self.skipped[f'not {len(names)} efforts'] += 1
-                        continue
-                else:
-                    joints = decode_joints(data)
-                    if len(joints.effort) != len(joints.names):
-                        self.skipped['efforts and names differ in number'] += 1
-                        continue
-                    for name, effort in zip(joints.names, joints.effort.tolist(), strict=True):
-                        known = place.get(self._renamed(name))
-                        if known is not None:
-                            efforts[known] = effort
-                    at = joints.stamp_ns if self.times == 'stamps' else at
-            except ValueError:
-                self.skipped['not a message of its type'] += 1
-                continue
-            if np.isinf(efforts).any():
-                self.skipped['infinite efforts'] += 1
-            elif np.isnan(efforts).all():
-                self.skipped['no efforts of the arm'] += 1
-            else:
-                times.append(at)
-                rows.append(efforts)
-        if not rows:
+    def check(self, run: Run) -> None:
+        """Raise LogError if an arm took no command, or could not be set to the first state."""
+        if run.first_rejected.startswith('cycle 1:'):
+            why = run.first_rejected.removeprefix('cycle 1: ')
+            raise LogError(f'{self.log.path}: its first state cannot be set: {why}')
+        if not run.accepted:
             raise LogError(
-                f'{self.log.path}: no message on {cut(self._commands)!r} has efforts for joints '
-                f'{listed(names)}: {dict(self.skipped)}'
+                f'{self.log.path}: no message on {cut(self._commands)!r} has efforts for the '
+                f'joints of the arm: {dict(run.rejected)}'
             )
-        order = np.argsort(times, kind='stable')
-        return np.array(times, np.int64)[order], np.array(rows)[order]
+
+    def _efforts(self) -> Iterator[tuple[int, Message]]:
+        """Yield the times and commands; those that cannot be decoded are left out."""
+        received = self.log.received_ns[self._commands].tolist()
+        for at, data in zip(received, self.log.messages(self._commands), strict=True):
+            if self.log.topics[self._commands] == FLOAT_ARRAY:
+                yield at, Message(ARRAY, data)
+                continue
+            with suppress(ValueError):
+                joints = decode_joints(data)
+                names = [self._renamed(name) for name in joints.names]
+                # Positions may be those of a state: no targets.
+                data = encode_joints(names, effort=joints.effort)
+                yield joints.stamp_ns if self.times == 'stamps' else at, Message(NAMED, data)
 
     def _renamed(self, name: str) -> str:
         for old, new in self._rename.items():
             if name.startswith(old):
                 return new + name.removeprefix(old)
         return name
-
-
-@dataclass
-class _BagRun:
-    """The inputs of a bag for one arm, and the cycle that ends it."""
-
-    inputs: list[Input]
-    last: int
-
-    def __iter__(self) -> Iterator[Input]:
-        return iter(self.inputs)

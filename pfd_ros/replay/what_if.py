@@ -103,10 +103,8 @@ class WhatIf:
     failure, failed_at
         Why and when the simulation failed, '' and None without a failure.
     rejected, first_rejected
-        Number of inputs with another result than in the recording, by result; a line about the
-        first.
-    skipped
-        Number of unused messages of a bag, by reason.
+        Number of inputs with another result than in the recording, and of rejected commands of a
+        bag, by result; a line about the first.
     times
         Time base of a bag: 'stamps' or 'log times'; '' for a recording.
     complete
@@ -132,7 +130,6 @@ class WhatIf:
     failed_at: float | None
     rejected: Mapping[str, int]
     first_rejected: str
-    skipped: Mapping[str, int]
     times: str
     complete: bool
     problems: list[str]
@@ -209,7 +206,8 @@ def what_if(
         raise LogError(f'{path} holds no states, so there is nothing to compare')
     target = out or _free_path(path)
     engine = _engine(case, case.settings)
-    run = _recorded_run(case, engine, target, progress)
+    with damage_named(path):
+        run = _recorded_run(case, engine, target, progress)
     topic = case.topics.get(STATES) or topic_names([STATES])[STATES]
     begins = _begins(case, engine)
     with damage_named(path):
@@ -246,7 +244,6 @@ def what_if(
         failed_at=run.failed_ns / NANOSECONDS if run.failure else None,
         rejected=dict(run.rejected),
         first_rejected=run.first_rejected,
-        skipped=dict(bag.skipped) if bag else {},
         times=bag.times if bag else '',
         complete=case.arrays.complete,
         problems=[unread] if recorded.unreadable else [],
@@ -357,8 +354,6 @@ def _recorded_run(
 ) -> Run:
     """Run an arm under the inputs of the log, and record it."""
     source = case.source
-    if isinstance(source, BagInputs):
-        source.of(engine)  # what it lacks is found before there is a file
     named = topic_names(engine.roles)
     topics = named | {role: topic for role, topic in case.topics.items() if role in named}
     recorder = Recorder(target, engine, topics, lambda line: None)
@@ -378,9 +373,8 @@ def _recorded_run(
         if engine.frames is not None:
             put(engine.frames.opening(engine.stamp_ns), engine.stamp_ns)
         found = run_inputs(source, engine, put, nudged=nudged)
-        if isinstance(source, BagInputs) and found.first_rejected.startswith('cycle 1:'):
-            why = found.first_rejected.removeprefix('cycle 1: ')
-            raise LogError(f'{source.log.path}: its first state cannot be set: {why}')
+        if isinstance(source, BagInputs):
+            source.check(found)
         recorder.close(totals_of(engine))
         if recorder.error:
             raise OSError(recorder.error)
@@ -466,12 +460,8 @@ def lines(found: WhatIf) -> list[str]:
         )
     if found.rejected:
         counts = ', '.join(f'{count} {name}' for name, count in sorted(found.rejected.items()))
-        rows.append(
-            f'inputs     accepted or rejected differently: {counts}; {found.first_rejected}'
-        )
-    rows += [
-        f'skipped    {count} messages: {reason}' for reason, count in sorted(found.skipped.items())
-    ]
+        what = 'rejected' if found.times else 'accepted or rejected differently'
+        rows.append(f'inputs     {what}: {counts}; {found.first_rejected}')
     for text, joints in (('log', found.only_in_log), ('arm', found.only_in_arm)):
         if joints:
             rows.append(f'joints     only in the {text}: {listed(joints)}')

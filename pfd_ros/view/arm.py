@@ -31,6 +31,8 @@ LEVELS = 33
 UNKNOWN, AT_LIMIT = (150, 150, 150), (190, 40, 200)
 # Distance from the end of a joint's range that counts as at the end, as a part of the range.
 NEAR = 2e-3
+# Around the frames of links, as a part of the reach, for what is drawn of them.
+MARGIN = 0.1
 # Distance of the camera from the middle of what is shown, as a part of its size.
 DISTANCE, DIRECTION = 0.9, np.array([0.75, -0.85, 0.4]) / np.linalg.norm([0.75, -0.85, 0.4])
 TURNING, SLIDING = ('revolute', 'continuous'), 'prismatic'
@@ -38,7 +40,8 @@ MOVING = (*TURNING, SLIDING)
 LEGEND = """Rings: joint torque, from blue (none) to red (at its limit); violet: the joint is at
 the end of its range; grey: no torque known. Line: path of the tip. Translucent: the ghost.
 
-Red arrow: external force on the last link; yellow: external torque. Scale: {}.
+Red arrow: external force on the last link; yellow, with two heads: external torque, right-handed.
+Scale: {}.
 
 Turquoise body: the payload, a box with its mass and inertia, or a ball without inertia; black: its
 centre of mass."""
@@ -174,7 +177,7 @@ class Stage:
         self.joints = tuple(free if joints is None else joints)
         self.poses = LinkPoses(urdf, self.joints)
         self.scale = Scale.of(urdf)
-        self._server, self._drawing, self._reach = server, drawing, reach_of(urdf)
+        self._server, self._reach = server, reach_of(urdf)
         scene = server.scene
         self._arm = DrawnArm(scene, '/arm', drawing, self.poses)
         self._wrench = DrawnWrench(scene, self._reach, self.scale)
@@ -243,17 +246,11 @@ class Stage:
 
     def look(self, positions: ArrayLike = ()) -> None:
         """Place the camera so that the arm at positions (N, joints) is in view, or its reach."""
-        rows, size = np.asarray(positions, float), self._reach / 2
-        corners = [] if len(rows) else [np.array([[-size, -size, 0.0], [size, size, 2 * size]])]
-        for row in rows:
-            frames = self.poses.at(row)
-            corners.append(frames[:, :3, 3])
-            for shape in self._drawing.shapes:
-                ends = [shape.vertices.min(axis=0), shape.vertices.max(axis=0)]
-                frame = frames[self.poses.index(shape.link)]
-                corners.append(trimesh.bounds.corners(ends) @ frame[:3, :3].T + frame[:3, 3])
-        points = np.concatenate(corners)
-        low, high = points.min(axis=0), points.max(axis=0)
+        rows, reach = np.asarray(positions, float), self._reach
+        points = np.array([[-reach / 2, -reach / 2, 0.0], [reach / 2, reach / 2, reach]])
+        if len(rows):
+            points = np.concatenate([self.poses.at(row)[:, :3, 3] for row in rows])
+        low, high = points.min(axis=0) - MARGIN * reach, points.max(axis=0) + MARGIN * reach
         size = max(float(np.linalg.norm(high - low)), 1e-3)
         camera = self._server.initial_camera
         camera.look_at = tuple((low + high) / 2)

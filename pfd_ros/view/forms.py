@@ -220,10 +220,10 @@ def _skeleton(urdf: pfd.Urdf, links: Collection[str]) -> Iterator[Shape]:
         ends = [joint.origin.xyz for joint in urdf.joints.values() if joint.parent == link]
         solids = [_rod(np.array(end), ROD * reach) for end in ends if any(end)]
         if inertial is not None and inertial.mass > 0:
-            box, axes = equivalent_box(inertial.mass, inertial.inertia, reach)
+            edges, axes = equivalent_box(inertial.mass, inertial.inertia, reach)
             pose = pose_of(*inertial.origin)
             pose[:3, :3] = pose[:3, :3] @ axes
-            solids.append(_placed(box, pose))
+            solids.append(_placed(trimesh.creation.box(edges), pose))
         for solid in solids:
             yield Shape(link, *solid, SKELETON_COLOUR, True, True)
         if not solids:
@@ -257,9 +257,9 @@ def _rod(end: Array, radius: float) -> Mesh:
 
 def equivalent_box(
     mass: float, inertia: Collection[float], reach: float
-) -> tuple[trimesh.Trimesh, Array]:
+) -> tuple[tuple[float, ...], Array]:
     """
-    Return the solid box with a mass [kg] above 0 and an inertia, and its axes (3, 3) as columns.
+    Return the edges of the box with a mass [kg] above 0 and an inertia, and its axes as columns.
 
     The inertia is xx, xy, xz, yy, yz and zz about the centre of mass [kg m^2]; edges are LEAST to
     LONGEST of the reach [m].
@@ -274,4 +274,4 @@ def equivalent_box(
     edges = np.clip(np.sqrt(squares), LEAST * reach, LONGEST * reach)
     if np.linalg.det(axes) < 0:
         axes[:, 0] = -axes[:, 0]
-    return trimesh.creation.box(edges), axes
+    return tuple(edges.tolist()), axes

@@ -480,36 +480,36 @@ def test_links_arrows_and_payload_are_at_the_poses_of_pinocchio(
         check_wrench(nodes, at(frame), force, torque, stage.scale)
         centre = at('wrist_3_link').act(np.array(payload[1]))
         for name in ('/payload/body', '/payload/centre'):
-            points = nodes.points(name)
-            np.testing.assert_allclose(points.mean(axis=0), centre, atol=10 * SINGLE)
+            np.testing.assert_allclose(nodes.pose(name).translation, centre, atol=1e-12)
         stage.show(q)
         assert visible(nodes) == []
 
 
 def visible(nodes: Nodes) -> list[str]:
     names = ('/wrench/force', '/wrench/torque', '/payload')
-    return [name for name in names if nodes[name].visible]
+    parents = {name: f'/{name.split("/")[1]}' for name in names}
+    return [name for name in names if nodes[name].visible and nodes[parents[name]].visible]
 
 
 def check_wrench(nodes: Nodes, frame: pin.SE3, force: Any, torque: Any, scale: Any) -> None:
-    along = frame.rotation @ np.array(force) / scale.force
-    head = nodes.points('/wrench/force/head')
-    tip = head[np.argmax((head - frame.translation) @ along)]
-    np.testing.assert_allclose(tip, frame.translation + along, atol=SINGLE)
-    if nodes['/wrench/force/shaft'].visible:
-        # It begins at the point of application.
-        shaft = nodes.points('/wrench/force/shaft')
-        begin = (shaft - frame.translation) @ along / np.linalg.norm(along)
-        middle = shaft[begin < SINGLE].mean(axis=0)
-        np.testing.assert_allclose(middle, frame.translation, atol=SINGLE)
-    turn = nodes.points('/wrench/torque/turn') - frame.translation
-    axis = frame.rotation @ np.array(torque) / np.linalg.norm(torque)
-    radius = np.linalg.norm(torque) / scale.torque
-    distances = np.linalg.norm(np.cross(turn, axis), axis=1)
-    assert np.abs(turn @ axis).max() < 0.15 * radius
-    assert np.median(distances) == pytest.approx(radius, rel=0.05)
-    # From its begin to its head it turns as the right hand's fingers do.
-    assert np.sum(np.cross(turn[:-1], turn[1:]) @ axis) > 0
+    for name, vector, size, heads in (
+        ('/wrench/force', force, scale.force, 1),
+        ('/wrench/torque', torque, scale.torque, 2),
+    ):
+        arrow, pose = nodes[name], nodes.pose(name)
+        ends = [pose.act(point.astype(float)) for point in arrow.points[:, 1]]
+        assert len(ends) == heads
+        expected = frame.act(np.array(vector) / size)
+        np.testing.assert_allclose(ends[0], expected, atol=SINGLE)
+        # All begin at the point of application, and the second head is behind the first.
+        np.testing.assert_allclose(arrow.points[:, 0], 0.0, atol=SINGLE)
+        behind = np.linalg.norm(vector) / size - heads * arrow.head_length
+        assert behind >= -SINGLE
+        np.testing.assert_allclose(
+            [np.linalg.norm(point - expected) for point in ends],
+            np.arange(heads) * arrow.head_length,
+            atol=SINGLE,
+        )
 
 
 def message(**values: Any) -> Any:

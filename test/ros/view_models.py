@@ -150,11 +150,6 @@ class Nodes:
             found = found * pin.SE3(pin.Quaternion(w, x, y, z).matrix(), np.array(node.position))
         return found
 
-    def points(self, name: str) -> np.ndarray:
-        """Return the vertices of a mesh in the world, as a browser places them."""
-        node, pose = self[name], self.pose(name)
-        return (node.vertices * np.array(node.scale)) @ pose.rotation.T + pose.translation
-
 
 class Exported:
     """The messages in an exported page, by their time."""

@@ -415,7 +415,6 @@ PATCHED = {
     # pfd_ros.recording: the MCAP file of a run
     'CLOSE_SECONDS': 'pfd_ros.recording.recorder:CLOSE_SECONDS',
     'QUEUE_BYTES': 'pfd_ros.recording.recorder:QUEUE_BYTES',
-    'STALL_SECONDS': 'pfd_ros.recording.recorder:STALL_SECONDS',
     'SYNC_SECONDS': 'pfd_ros.recording.recorder:SYNC_SECONDS',
     # pfd_ros.replay: verification, what-if, comparison, the player
     'PLAYER_DISCOVERY_SECONDS': 'pfd_ros.replay.publish:DISCOVERY_SECONDS',

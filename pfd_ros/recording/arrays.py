@@ -247,7 +247,7 @@ def _arrays(
     simulated = False
     if _is_ours(bag):
         settings = _table(bag, HeadKey.SETTINGS)
-        simulated = bool(_table(bag, HeadKey.TIMES).get('simulated'))
+        simulated = _table(bag, HeadKey.TIMES).get('log_time') == 'simulated'
         end = {key: json.loads(text) for key, text in bag.end.items()}
         robot = robot_of(bag.robot)
     read: dict[str, TopicArrays | LogError] = {}

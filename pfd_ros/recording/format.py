@@ -36,7 +36,7 @@ class HeadKey:
     SETTINGS = 'settings'
     TOPICS = 'topics'  # by role
     VERSIONS = 'versions'
-    TIMES = 'times'  # what the times of a message mean; for people
+    TIMES = 'times'  # log_time: wall or simulated; start_ns and step_ns of simulated time
 
 
 class EndKey:

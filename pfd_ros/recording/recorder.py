@@ -40,8 +40,6 @@ if TYPE_CHECKING:
 FLUSH_SECONDS, SYNC_SECONDS = 0.1, 1.0
 # `ros2 launch` and `docker stop` wait 10 s between the first signal and SIGKILL.
 CLOSE_SECONDS = 8.0
-# Longest wait of a run without real time for a disk that does not respond.
-STALL_SECONDS = 30.0
 # Messages that wait for the disk, with what Python needs for each.
 QUEUE_BYTES, EACH_BYTES = 1 << 26, 200
 # Compressing a chunk keeps the interpreter busy for a millisecond.
@@ -96,8 +94,7 @@ class Recorder:
         self._wall_ns = time.time_ns() - time.monotonic_ns()
         self._queue: deque[tuple[int, int, Sequence[Message], int]] = deque()
         self._lock = threading.Lock()
-        self._bytes = self._crc = self._last_ns = self._drains = 0
-        self._seen, self._checked, self._stalled = 0, time.monotonic(), 0.0
+        self._bytes = self._crc = self._last_ns = 0
         self._closing = threading.Event()
         self._totals: Mapping[str, Any] = {}
         # The process may change its folder.
@@ -146,18 +143,7 @@ class Recorder:
 
     @property
     def waiting_share(self) -> float:
-        """Filled share of the queue, 0 to 1; 0 once the recording has failed.
-
-        A run without real time waits while it is high. One thread may read it, repeatedly: a disk
-        that does not respond for STALL_SECONDS becomes a failure here.
-        """
-        now, drains = time.monotonic(), self._drains
-        # A longer time between two calls is a pause of this process, not of the disk.
-        waited = self._stalled + min(now - self._checked, 0.1)
-        self._stalled = waited if drains == self._seen and self._bytes else 0.0
-        self._checked, self._seen = now, drains
-        if self._stalled > STALL_SECONDS:
-            self._fail(f'the disk did not respond for {STALL_SECONDS:g} s{READABLE}')
+        """Filled share of the queue, 0 to 1: a run without real time waits while it is high."""
         return 0.0 if self.error else self._bytes / QUEUE_BYTES
 
     def close(self, totals: Mapping[str, Any]) -> None:
@@ -173,30 +159,18 @@ class Recorder:
         writer = self._writer
         writer.start(names.PROFILE, f'pfd_ros {pfd.__version__} {LIBRARY_IDENTIFIER}')
         settings = engine.state.settings
-        wall, simulated = (
-            'wall time',
-            'simulated time: start_ns + cycle * step_ns, until a failure',
-        )
         values = {
             HeadKey.VERSIONS: {**versions(), PROGRAM: engine.program},
             HeadKey.TOPICS: dict(topics),
             HeadKey.TIMES: {
+                'log_time': settings.log_time,
                 'start_ns': settings.start_ns,
                 'step_ns': settings.step_ns,
-                'simulated': self._simulated,
-                'log_time': simulated if self._simulated else wall,
-                'publish_time': wall if self._simulated else simulated,
-                'sequence': 'cycle that took an input or computed an output, modulo 2^32',
             },
         }
-        writer.add_metadata(
-            names.HEAD,
-            {
-                HeadKey.FORMAT: names.FORMAT,
-                HeadKey.SETTINGS: settings.to_json(),
-                **{key: json.dumps(value) for key, value in values.items()},
-            },
-        )
+        head = {HeadKey.FORMAT: names.FORMAT, HeadKey.SETTINGS: settings.to_json()}
+        head |= {key: json.dumps(value) for key, value in values.items()}
+        writer.add_metadata(names.HEAD, head)
         text = robot_text(engine.robot).encode()
         writer.add_attachment(0, 0, names.ROBOT, 'application/yaml', text)
         ids, schemas = dict[str, int](), dict[str, int]()
@@ -205,15 +179,12 @@ class Recorder:
             if kind not in schemas:
                 described = names.SCHEMA_ENCODING, definition_of(kind).encode()
                 schemas[kind] = writer.register_schema(kind, *described)
-            ids[role] = writer.register_channel(
-                topic,
-                names.MESSAGE_ENCODING,
-                schemas[kind],
-                {
-                    names.QOS_KEY: qos_text(Qos(1 if latched else 10, transient_local=latched)),
-                    names.TYPE_HASH_KEY: type_hash(kind),
-                },
-            )
+            about = {
+                names.QOS_KEY: qos_text(Qos(1 if latched else 10, transient_local=latched)),
+                names.TYPE_HASH_KEY: type_hash(kind),
+            }
+            channel = topic, names.MESSAGE_ENCODING, schemas[kind], about
+            ids[role] = writer.register_channel(*channel)
         writer.flush()
         return ids
 
@@ -266,19 +237,13 @@ class Recorder:
                     self._bytes -= size
         self._writer.flush()
         self._size = self._stream.tell()
-        self._drains += 1
 
     def _write_end(self) -> None:
-        end = {
-            EndKey.TOTALS: self._totals,
-            EndKey.RECORDED: self.recorded,
-            EndKey.CRC: self._crc,
-        }
+        end = {EndKey.TOTALS: self._totals, EndKey.RECORDED: self.recorded, EndKey.CRC: self._crc}
         # A metadata record is written at once, before a chunk that is still open.
         self._writer.flush()
-        self._writer.add_metadata(
-            names.END, {key: json.dumps(value) for key, value in end.items()}
-        )
+        texts = {key: json.dumps(value) for key, value in end.items()}
+        self._writer.add_metadata(names.END, texts)
         self._writer.finish()
         self._sync()
 

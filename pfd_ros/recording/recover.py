@@ -18,7 +18,7 @@ from typing import BinaryIO, NamedTuple
 
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
 from mcap.writer import Writer
 
 from pfd_ros.files import new_file
@@ -35,12 +35,9 @@ from pfd_ros.recording.mcap_records import (
     unpacked,
 )
 
-# Parts of a file with records that are copied, or that hold such.
+# Records that are copied, or hold such.
 COPIED = frozenset(
-    {
-        *(Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK),
-        *(Opcode.METADATA, Opcode.ATTACHMENT),
-    }
+    Opcode[name] for name in ('SCHEMA', 'CHANNEL', 'MESSAGE', 'CHUNK', 'METADATA', 'ATTACHMENT')
 )
 # Lost parts that are kept: a hostile file could have any number.
 MOST_LOST = 1000
@@ -83,26 +80,20 @@ def recover(source: Path, target: Path) -> Recovered:
 
 def _copy(stream: BinaryIO, written: BinaryIO, lost: list[str]) -> int:
     """Copy the readable records; return the number of messages."""
-    size = os.fstat(stream.fileno()).st_size
-    writer, messages = Writer(written, enable_data_crcs=True), 0
-    channels: dict[int, Channel] = {}
-    schemas: dict[int, Schema] = {}
-    chunks: list[int] = []
-    stream.seek(0)
+    profile, channels, schemas, chunks = '', dict[int, Channel](), dict[int, Schema](), list[int]()
     with suppress(Exception):  # damage has as many exceptions as parsers
-        summary = SeekingReader(stream, record_size_limit=RECORD_BYTES).get_summary()
-        if summary is not None:
+        stream.seek(0)
+        reader = SeekingReader(stream, record_size_limit=RECORD_BYTES)
+        profile = reader.get_header().profile
+        if (summary := reader.get_summary()) is not None:
             channels, schemas = summary.channels, summary.schemas
-            chunks = [index.chunk_start_offset for index in summary.chunk_indexes]
-            chunks = [place for place in chunks if _begins_chunk(stream, place)]
+            places = sorted(index.chunk_start_offset for index in summary.chunk_indexes)
+            chunks = [place for place in places if _byte(stream, place) == Opcode.CHUNK]
+    writer, messages = Writer(written, enable_data_crcs=True), 0
+    writer.start(profile, 'pfd recover')
     # Numbers in the new file, whose writer counts anew.
-    new_channels: dict[int, int] = {}
-    new_schemas: dict[int, int] = {0: 0}
-    started = False
-    for record in _readable(stream, size, sorted(chunks), lost):
-        if not started:
-            writer.start(record.profile if isinstance(record, Header) else '', 'pfd recover')
-            started = True
+    new_channels, new_schemas = dict[int, int](), {0: 0}
+    for record in _readable(stream, chunks, lost):
         if isinstance(record, Schema):
             schemas[record.id] = record
         elif isinstance(record, Channel):
@@ -122,9 +113,8 @@ def _copy(stream: BinaryIO, written: BinaryIO, lost: list[str]) -> int:
                     continue
                 if channel.schema_id not in new_schemas:
                     schema = schemas[channel.schema_id]
-                    new_schemas[schema.id] = writer.register_schema(
-                        schema.name, schema.encoding, schema.data
-                    )
+                    described = schema.name, schema.encoding, schema.data
+                    new_schemas[schema.id] = writer.register_schema(*described)
                 new_channels[number] = writer.register_channel(
                     channel.topic,
                     channel.message_encoding,
@@ -132,19 +122,19 @@ def _copy(stream: BinaryIO, written: BinaryIO, lost: list[str]) -> int:
                     channel.metadata,
                 )
             times = record.log_time, record.publish_time
-            writer.add_message(
-                new_channels[number], times[0], record.data, times[1], record.sequence
-            )
+            new = new_channels[number]
+            writer.add_message(new, times[0], record.data, times[1], record.sequence)
             messages += 1
-    if not started:
-        writer.start('', 'pfd recover')
     writer.finish()
     return messages
 
 
-def _readable(
-    stream: BinaryIO, size: int, chunks: list[int], lost: list[str]
-) -> Iterator[McapRecord]:
+def _byte(stream: BinaryIO, place: int) -> int:
+    stream.seek(place)
+    return stream.read(1)[0]
+
+
+def _readable(stream: BinaryIO, chunks: list[int], lost: list[str]) -> Iterator[McapRecord]:
     """Yield the records that can be read, and note the parts that cannot.
 
     Parameters
@@ -152,45 +142,35 @@ def _readable(
     chunks
         Places of the chunks by the index, increasing; none without an index.
     """
-    at = len(MAGIC)
+    at, size = len(MAGIC), os.fstat(stream.fileno()).st_size
     while True:
         stream.seek(at)
         frame = stream.read(FRAME.size)
         begin = at + FRAME.size
+        # A disk without power leaves zeros.
         kind, length = FRAME.unpack(frame) if len(frame) == FRAME.size else (0, 0)
-        if kind == Opcode.FOOTER and begin + length + len(MAGIC) == size:
+        end = begin + length
+        if kind == Opcode.FOOTER and end + len(MAGIC) == size:
             return
         following = next((place for place in chunks if place > at), None)
-        end = size if following is None else following
-        # A disk without power leaves zeros.
-        if not kind or begin + length > end or length > RECORD_BYTES:
+        if not kind or end > (following or size) or length > RECORD_BYTES:
             if following is None:
                 lost.append(f'the end, from byte {at} on')
                 return
             lost.append(f'{following - at} bytes at byte {at}: their length is damaged')
             at = following
             continue
-        at = begin + length
+        at = end
         if kind not in COPIED:
             continue
         try:
             found = [parsed(kind, stream.read(length))]
-            if isinstance(found[0], Chunk):
-                found = _records_of(found[0])
+            if isinstance(chunk := found[0], Chunk):
+                if chunk.uncompressed_size > RECORD_BYTES:
+                    raise ValueError(f'a chunk holds {chunk.uncompressed_size} bytes')
+                # As a whole, or its checksum means nothing.
+                found = list(records_of(unpacked(chunk)))
         except Exception as error:  # damage has as many exceptions as parsers
             lost.append(f'{length} bytes at byte {begin}: {error or type(error).__name__}')
         else:
             yield from found
-
-
-def _begins_chunk(stream: BinaryIO, place: int) -> bool:
-    """Return whether a chunk begins where an index says, which may be damaged."""
-    stream.seek(place)
-    return stream.read(1) == bytes([Opcode.CHUNK])
-
-
-def _records_of(chunk: Chunk) -> list[McapRecord]:
-    """Return the records of a chunk as a whole, or its checksum means nothing."""
-    if chunk.uncompressed_size > RECORD_BYTES:
-        raise ValueError(f'a chunk holds {chunk.uncompressed_size} bytes')
-    return list(records_of(unpacked(chunk)))

@@ -20,7 +20,6 @@ from arm_messages import efforts
 import bridge
 from bridge import (
     ArmMessage,
-    LogError,
     LogRecorder,
     RecordedLog,
     decode_joints,
@@ -327,18 +326,6 @@ def test_a_slow_disk_ends_the_recording_when_the_queue_is_full(
     assert not verify_log(tmp_path / 'run.mcap').complete
 
 
-def test_a_run_that_waits_for_a_dead_disk_goes_on_after_a_while(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(*bridge.target('STALL_SECONDS'), 0.3)
-    released = hanging(monkeypatch)
-    run = Run(tmp_path / 'run.mcap')
-    run.step(times=10)
-    wait_until(lambda: run.step() or (run.recorder.waiting_share == 0.0 and run.recorder.error))
-    released.set()
-    check_ended(run, 'did not respond')
-
-
 def test_closing_gives_up_on_a_dead_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(*bridge.target('CLOSE_SECONDS'), 0.1)
     released = hanging(monkeypatch)
@@ -356,8 +343,6 @@ def test_a_message_that_cannot_be_written_ends_the_recording(tmp_path: Path) -> 
     run.recorder.put([ArmMessage('tip_pose', b'')], 0)
     wait_until(lambda: run.recorder.error)
     check_ended(run, 'tip_pose')
-    with pytest.raises(LogError, match='nobody'):
-        raise LogError('nobody')
 
 
 def test_what_comes_after_closing_is_not_recorded(tmp_path: Path) -> None:

@@ -152,7 +152,7 @@ def decoder_of(topic: BagTopic) -> Decoder:
 def _shared(values: NDArray[Any]) -> NDArray[Any]:
     """Return equal values as one that all rows share, others as they are."""
     if len(values) and (values == values[0]).all():
-        return np.broadcast_to(values[:1], values.shape)
+        return np.broadcast_to(values[:1].copy(), values.shape)
     return values
 
 

@@ -32,6 +32,7 @@ from pfd_ros.arm.events import (
     REQUESTS,
     ROLES,
     STATES,
+    TIP_WRENCH,
     TRANSITIONS,
     Message,
 )
@@ -53,12 +54,11 @@ from pfd_ros.node.threads import Threads
 from pfd_ros.text import cut
 
 if TYPE_CHECKING:
+    from pfd_ros.arm.frames import LinkFrames
     from pfd_ros.recording.recorder import Recorder
 
 # Longest wait for a transition; the arm takes inputs at least twenty times a second.
 TRANSITION_SECONDS = 5.0
-# What a recording has besides the inputs and outputs of the arm.
-NODE_ASIDES = (REJECTED_COUNTS, DIAGNOSTICS, TRANSITIONS)
 
 
 COMPILE_LOG = logging.getLogger('pfd_core.compile')
@@ -94,9 +94,9 @@ class SimArm:
         settings = with_scene_text(settings)
         with compile_report(log.info, model.robot.name):
             frames = model.recorded_frames(settings, log.warning)
-            recorded = NODE_ASIDES if settings.recording else ()
-            visible = frames.roles if frames is not None else ()
-            roles = topic_roles(settings) | {REQUESTS, PARAMETERS, *recorded, *visible}
+            roles = topic_roles(settings) | {REQUESTS, PARAMETERS}
+            if settings.recording:
+                roles |= recorded_roles(settings, frames)
             self.engine = Engine(settings, model.robot, roles, frames)
             kernels = MassKernels(self.engine)
         inbox = self.inbox = Inbox(report.count)
@@ -216,6 +216,15 @@ def topic_roles(settings: Settings) -> set[str]:
     if settings.publish_clock:
         roles.add(CLOCK)
     return roles if settings.follows_clock else roles - {CLOCK_TICKS}
+
+
+def recorded_roles(settings: Settings, frames: LinkFrames | None) -> set[str]:
+    """Return the roles that only recordings have."""
+    roles = {REJECTED_COUNTS, DIAGNOSTICS, TRANSITIONS}
+    if settings.external_wrench:
+        # Pages and views show it.
+        roles.add(TIP_WRENCH)
+    return roles if frames is None else roles | frames.roles
 
 
 def _entities(node: Node) -> Iterator[tuple[str, Any]]:

@@ -8,20 +8,17 @@ Other files and older recordings are read by `bags` and `arrays`.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import takewhile
 import json
 from pathlib import Path
 from typing import Any
-
-from mcap.records import Attachment, Channel, Footer, Metadata
-from mcap.records import Message as Record
 
 import pfd_core as pfd
 from pfd_ros.arm.events import ASIDES, DESCRIPTION, ROLES, Message
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.text_and_arrays import decode_string
+from pfd_ros.recording.bags import Bag
 from pfd_ros.recording.format import (
-    END,
-    HEAD,
     ROBOT,
     SEQUENCE_MASK,
     EndKey,
@@ -30,7 +27,7 @@ from pfd_ros.recording.format import (
     check_format,
     damage_named,
 )
-from pfd_ros.recording.mcap_records import EXPANSION, records
+from pfd_ros.recording.mcap_records import EXPANSION
 
 # Far more than a hundred joints need; YAML takes seconds a megabyte.
 ROBOT_BYTES = 1 << 20
@@ -59,8 +56,9 @@ class Log:
     description
         The URDF of the arm, '' without one; it comes before all that is simulated.
     end
-        The values of the record END, see EndKey; {} until `messages` has reached it, and in a
-        file that was cut off.
+        The values of the record END, see EndKey; {} in a file that was cut off.
+    complete
+        Whether the file was closed after a run; known, as `end`, once `messages` has ended.
 
     Raises
     ------
@@ -72,71 +70,48 @@ class Log:
 
     def __init__(self, path: Path | str, expansion: float = EXPANSION) -> None:
         self.path, self._expansion = Path(path), expansion
-        self.head: dict[str, str] = {}
         self.end: dict[str, Any] = {}
-        self._closed = False
-        robot = b''
+        self.complete = False
+        if self.path.is_dir():
+            raise LogError(f'{path} is a folder, expected the file of a recording')
+        bag = Bag(self.path, expansion)
+        next(bag.messages(), None)
+        check_format(self.path, bag.head or None)
+        if not bag.robot:
+            raise LogError(f'{path} is a recording without its robot: it ends in its head')
         with damage_named(self.path):
-            found = None
-            for record in records(self.path, expansion=expansion):
-                if isinstance(record, Metadata) and record.name == HEAD:
-                    found = record.metadata
-                elif isinstance(record, Attachment) and record.name == ROBOT:
-                    robot = record.data
-                if isinstance(record, Record) or (found and robot):
-                    break
-            check_format(self.path, found)
-            self.head = found or {}
+            self.head = bag.head
             self.settings = Settings.from_json(self.head[HeadKey.SETTINGS])
             self.topics: dict[str, str] = json.loads(self.head[HeadKey.TOPICS])
+            self._roles = {topic: role for role, topic in self.topics.items() if role in ROLES}
             self.versions: dict[str, str] = json.loads(self.head[HeadKey.VERSIONS])
-            if not robot:
-                raise LogError(f'{path} is a recording without its robot: it ends in its head')
-            self.robot = robot_of(robot)
-        self.description = ''
-        for message in self.messages():
-            if message.role == DESCRIPTION:
-                self.description = decode_string(message.data)
-            if message.role not in ASIDES:
-                break
-
-    @property
-    def complete(self) -> bool:
-        """Whether the file was closed after a run; known once `messages` has ended."""
-        return self._closed and bool(self.end)
+            self.robot = robot_of(bag.robot)
+            self.description = ''
+            for message in takewhile(lambda message: message.role in ASIDES, self.messages()):
+                if message.role == DESCRIPTION:
+                    self.description = decode_string(message.data)
 
     def messages(self) -> Iterator[Message]:
         """Yield the messages in their order; of a file that was cut off, up to the cut."""
-        for message, _, _ in self.timed():
-            yield message
+        return (message for message, _, _ in self.timed())
 
     def timed(self) -> Iterator[tuple[Message, int, int]]:
         """Yield the messages with their log times and publish times [ns], as `messages`."""
-        roles = {topic: role for role, topic in self.topics.items() if role in ROLES}
-        channels: dict[int, str | None] = {}
-        self.end, self._closed, last = {}, False, 0
+        bag, roles, last = Bag(self.path, self._expansion), self._roles, 0
+        for topic, log_ns, publish_ns, data, number in bag.messages():
+            role = roles.get(topic)
+            if role in ASIDES:
+                yield Message(role, data), log_ns, publish_ns
+            elif role is not None:
+                # 32 bits of the cycle, which never decreases.
+                last += (number - last) & SEQUENCE_MASK
+                yield Message(role, data, last), log_ns, publish_ns
         with damage_named(self.path):
-            for record in records(self.path, expansion=self._expansion):
-                if isinstance(record, Record):
-                    role = channels.get(record.channel_id)
-                    if role is None:
-                        continue
-                    cycle = 0
-                    if role not in ASIDES:
-                        # 32 bits of the cycle, which never decreases.
-                        last += (record.sequence - last) & SEQUENCE_MASK
-                        cycle = last
-                    message = Message(role, record.data, cycle)
-                    yield message, record.log_time, record.publish_time
-                elif isinstance(record, Channel):
-                    channels[record.id] = roles.get(record.topic)
-                elif isinstance(record, Metadata) and record.name == END:
-                    self.end = {key: json.loads(text) for key, text in record.metadata.items()}
-                    missing = {EndKey.TOTALS, EndKey.RECORDED, EndKey.CRC} - self.end.keys()
-                    if missing:
-                        raise LogError(f'{self.path}: its end lacks {sorted(missing)}')
-                elif isinstance(record, Footer):
-                    self._closed = True
+            self.end = {key: json.loads(text) for key, text in bag.end.items()}
+            missing = {EndKey.TOTALS, EndKey.RECORDED, EndKey.CRC} - self.end.keys()
+            if self.end and missing:
+                raise LogError(f'{self.path}: its end lacks {sorted(missing)}')
+        self.complete = bag.complete and bool(self.end)
 
 
 def robot_of(data: bytes) -> pfd.Robot:

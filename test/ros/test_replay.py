@@ -426,6 +426,8 @@ def test_what_is_no_recording_is_named(source: Path, tmp_path: Path) -> None:
     path.write_bytes(b'hello')
     with pytest.raises(LogError, match=str(path)):
         verify_log(path)
+    with pytest.raises(LogError, match='folder'):
+        verify_log(tmp_path)
     with pytest.raises(OSError, match='missing'):
         verify_log(tmp_path / 'missing.mcap')
 

@@ -8,11 +8,11 @@ searched for topics with their names.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass
 import os
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,24 +31,6 @@ from pfd_ros.view.loads import Payload, Wrench
 # Positions beyond this [rad, m] are not drawn.
 LARGEST_POSITION = 1e6
 Array = NDArray[np.float64]
-T = TypeVar('T', Wrench, Payload)
-
-
-@dataclass(frozen=True, eq=False)
-class Timeline(Generic[T]):
-    """Values over time: when each begins [s], not decreasing, and the values, None for none."""
-
-    times: Array
-    values: Sequence[T | None]
-
-    def at(self, time: float) -> T | None:
-        """Return the last value that begins at or before a time [s]; None before the first."""
-        place = int(np.searchsorted(self.times, time, side='right')) - 1
-        return self.values[place] if place >= 0 else None
-
-    def __bool__(self) -> bool:
-        """Return whether there is a value at any time."""
-        return any(value is not None for value in self.values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +51,7 @@ class Logged:
         (N, joints) [rad, m], [N m, N]. A value that a message lacks is the one before, or 0;
         efforts without any value are NaN.
     wrench, payload
-        What acts on the last link.
+        What acts on the last link in each state, (N,), None for nothing.
     tip
         The link whose path is drawn.
     problems
@@ -85,8 +67,8 @@ class Logged:
     start: float
     position: Array
     effort: Array
-    wrench: Timeline[Wrench]
-    payload: Timeline[Payload]
+    wrench: list[Wrench | None]
+    payload: list[Payload | None]
     tip: str
     problems: tuple[str, ...]
     unreadable: int = 0
@@ -147,16 +129,15 @@ def logged(
         problems['no positions: the arm is shown at zero'] = None
     poses = LinkPoses(urdf, joints)
     tip = '' if log.robot is None else log.robot.tip
-    axis_ns, logged_ns = ns - ns[0], states.log_ns[order]
     wrench, payload = (
-        _timeline(log, load, wanted, axis_ns, logged_ns, int(ns[0]), poses.links, problems)
+        _acting(log, load, wanted, ns, states.log_ns[order], poses.links, problems)
         for load, wanted in ((_WRENCH, wrench_topic), (_PAYLOAD, None))
     )
     return Logged(
         urdf,
         folder,
         joints,
-        axis_ns / NANOSECONDS,
+        (ns - ns[0]) / NANOSECONDS,
         float(ns[0] / NANOSECONDS),
         np.nan_to_num(position),
         effort,
@@ -279,17 +260,16 @@ _PAYLOAD = _Load(
 )
 
 
-def _timeline(
+def _acting(
     log: LogArrays,
     load: _Load,
     topic: str | None,
-    axis_ns: NDArray[np.int64],
+    ns: NDArray[np.int64],
     logged_ns: NDArray[np.int64],
-    start_ns: int,
     links: Container[str],
     problems: dict[str, None],
-) -> Timeline[Any]:
-    """Return a load over time, of states at `axis_ns` after `start_ns`, logged at `logged_ns`."""
+) -> list[Any]:
+    """Return a load in each of the states of times `ns` that were logged at `logged_ns`."""
     filled = [name for name in sorted(log) if _readable(log, name, load.kind)]
     if topic is not None and topic not in filled:
         raise ValueError(
@@ -301,23 +281,18 @@ def _timeline(
         named = (t for name in load.names for t in filled if t.rpartition('/')[2] == name)
         topic = next(named, None)
     if topic is None:
-        return Timeline(np.empty(0), ())
-    found = log[topic]
-    frames = found.arrays['header.frame_id']
+        return [None] * len(ns)
+    found, values = log[topic], list[Any]()
     numbers = np.stack([found.arrays[path] for path in load.paths], axis=1)
-    if found.simulated_ns is not None:
-        times = found.simulated_ns - start_ns
-    else:
-        # It acts from the first state on that was logged with it or after it.
-        places = np.searchsorted(logged_ns, found.log_ns, side='left')
-        times = axis_ns[places.clip(max=len(axis_ns) - 1)]
-    new = np.ones(len(found), bool)
-    new[1:] = (numbers[1:] != numbers[:-1]).any(axis=1) | (frames[1:] != frames[:-1])
-    values: list[Any] = []
-    for frame, row in zip(frames[new].tolist(), numbers[new].tolist(), strict=True):
+    for frame, row in zip(found.arrays['header.frame_id'], numbers.tolist(), strict=True):
         value = load.make(frame, row) if np.isfinite(row).all() else None
         if value is not None and frame not in links:
             problem = f'{topic} is not shown: its frame {cut(frame)!r} is no link of the model'
             problems[problem] = value = None
         values.append(value)
-    return Timeline(np.maximum.accumulate(times[new]) / NANOSECONDS, values)
+    ours = found.simulated_ns
+    # Elsewhere it acts from the first state on that was logged with it or after it.
+    begins, times = (found.log_ns, logged_ns) if ours is None else (ours, ns)
+    # The last place is of the states before the first message.
+    values.append(None)
+    return [values[k] for k in np.searchsorted(begins, times, side='right') - 1]

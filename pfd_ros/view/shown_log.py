@@ -65,9 +65,7 @@ class ShownLog:
         def show(time: float) -> None:
             with server.atomic():
                 k = self.row(time)
-                at = float(log.time[k])
-                loads = log.wrench.at(at), log.payload.at(at)
-                stage.show(log.position[k], log.effort[k], *loads)
+                stage.show(log.position[k], log.effort[k], log.wrench[k], log.payload[k])
                 if shadow is not None and ghost is not None:
                     shadow.show(ghost.log.position[ghost.row(time - offset)])
 

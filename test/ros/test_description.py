@@ -5,9 +5,7 @@
 from __future__ import annotations
 
 import re
-from typing import Any
 
-from arm_messages import NAN, made, named, placed, state, states, verdict
 from bridge import (
     TRANSFORMS_TYPE,
     Decoder,
@@ -295,80 +293,6 @@ def test_altered_descriptions_are_read_or_refused_with_a_reason(text: str) -> No
 def test_a_text_that_is_no_urdf_is_refused_with_its_label(text: str) -> None:
     with pytest.raises(ValueError, match=r'/robot_description is not a URDF|unclosed|XML'):
         parsed_urdf(text, '/robot_description')
-
-
-# ---- locked joints are seen like others and obey nobody
-
-# The wrist of a puma, welded.
-WRIST: dict[str, Any] = {
-    'robot': 'puma560',
-    'locked': ('joint6', 'joint5'),
-    'locked_positions': (0.25, -0.5),
-}
-ONE = [1.0, 2.0, 3.0, 4.0]
-
-
-def test_locked_joints_are_published_after_the_others_at_rest_where_they_are_locked() -> None:
-    order = ('joint4', 'joint1', 'joint2', 'joint3')
-    engine = made(joints=order, **WRIST)
-    shown = state(engine, named(order, ONE), cycles=5)
-    assert shown.names == (*order, 'joint6', 'joint5')
-    assert shown.position[4:].tolist() == [0.25, -0.5]
-    assert shown.velocity[4:].tolist() == shown.effort[4:].tolist() == [0.0, 0.0]
-    assert shown.effort[:4].tolist() == ONE
-    assert shown.velocity[:4].all()
-
-
-def test_locked_joints_can_be_left_out_of_the_states() -> None:
-    shown = state(made(publish_locked=False, **WRIST))
-    assert shown.names == ('joint1', 'joint2', 'joint3', 'joint4')
-
-
-def test_sensors_add_nothing_to_locked_joints() -> None:
-    noise = {f'noise_{kind}': 1e-3 for kind in ('position', 'velocity', 'effort')}
-    for shown in states(made(**noise, **WRIST), cycles=5):
-        assert shown.position[4:].tolist() == [0.25, -0.5]
-        assert shown.velocity[4:].tolist() == shown.effort[4:].tolist() == [0.0, 0.0]
-        assert shown.position[:4].all()
-
-
-@pytest.mark.parametrize(
-    ('names', 'effort', 'label', 'remarks'),
-    [
-        (['joint5', 'joint1', 'nobody'], [9.0, 1.0, 9.0], 'accepted', {'joint5', 'nobody'}),
-        (['joint5'], [1.0], 'refused', set()),
-        (['joint6', 'joint5'], [1.0, 1.0], 'refused', set()),
-        (['joint5', 'nobody'], [1.0, 1.0], 'refused', set()),
-        # Hardware sends NaN for a gripper that no controller has claimed.
-        (['joint1', 'joint5'], [1.0, NAN], 'accepted', set()),
-        (['joint1', 'joint5'], [NAN, 1.0], 'all_nan', set()),
-        (['joint5'], [NAN], 'all_nan', set()),
-        (['joint1', 'joint5'], [NAN, NAN], 'all_nan', set()),
-    ],
-)
-def test_commands_for_locked_joints_move_the_others_alone(
-    names: list[str], effort: list[float], label: str, remarks: set[str]
-) -> None:
-    engine = made(**WRIST)
-    found = verdict(engine, named(names, effort))
-    assert found.label == label
-    assert all(any(name in one.detail for one in found.remarks) for name in remarks)
-    assert len(found.remarks) == len(remarks)
-    if label == 'refused':
-        assert 'joint5' in found.detail
-    expected = [1.0 if label == 'accepted' else 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
-    assert state(engine).effort.tolist() == expected
-
-
-def test_names_of_locked_joints_that_are_not_published_are_unknown() -> None:
-    engine = made(publish_locked=False, **WRIST)
-    assert verdict(engine, named(['joint5'], [1.0])).label == 'unknown_names'
-
-
-def test_a_state_of_the_arm_can_be_sent_back_with_its_locked_joints() -> None:
-    names = ('joint1', 'joint2', 'joint3', 'joint4', 'joint6', 'joint5')
-    shown = state(made(**WRIST), placed(names, np.arange(1.0, 7.0), np.zeros(6)))
-    assert shown.position.tolist() == [1.0, 2.0, 3.0, 4.0, 0.25, -0.5]
 
 
 def test_the_cure_for_a_tree_locks_joints_within_their_limits() -> None:

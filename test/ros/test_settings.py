@@ -6,19 +6,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 import dataclasses
-import json
 from pathlib import Path
 import re
 from typing import Any
 
-from arm_messages import change, efforts, made, state, verdict
+from arm_messages import change, made, verdict
 from bridge import (
     ARM_EFFECT_FIELDS,
     REMOVED_SETTINGS,
     SETTING_ROWS,
-    ArmMessage,
     Settings,
-    encode_string,
     joint_settings,
     joint_values,
     load_arm_robot,
@@ -283,48 +280,6 @@ def test_a_dynamic_setting_changes_and_all_others_stay() -> None:
     assert engine.state.settings == dataclasses.replace(before, real_time_factor=0.5)
 
 
-@pytest.mark.parametrize(
-    ('text', 'label', 'reason'),
-    [
-        ('{"real_time_factor": 1001.0}', 'refused', 'real_time_factor is 1001.0, expected'),
-        ('{"real_time_factor": NaN}', 'refused', 'real_time_factor holds nan'),
-        ('{"real_time_factor": true}', 'malformed', 'real_time_factor is True'),
-        ('{"step_size": 0.002}', 'malformed', "['step_size'] cannot change while the arm"),
-        ('{"real_time_factor": 1.0, "robot": "ur5"}', 'malformed', "['robot'] cannot"),
-        ('{"bias_effort": [1.0]}', 'refused', 'bias.effort holds 1 numbers'),
-        ('{"on_timeout": "hold"}', 'refused', 'expected servo_p above 0'),
-        ('{"payload_mass": -1.0}', 'refused', 'payload.mass is -1.0'),
-        ('[1]', 'malformed', 'expected a table'),
-        ('{}', 'malformed', 'expected a table'),
-        ('', 'malformed', 'Expecting value'),
-        ('[' * 2000, 'malformed', ''),
-        (json.dumps({'x' * 9000: 1}), 'malformed', '(9000 characters)'),
-        ('{"real_time_factor": 1' + '0' * 400 + '}', 'malformed', 'too large for a float'),
-    ],
-    ids=lambda value: str(value)[:40],
-)
-def test_a_wrong_change_is_refused_whole_with_its_reason(
-    text: str, label: str, reason: str
-) -> None:
-    engine = made()
-    before = engine.state.settings
-    found = verdict(engine, ArmMessage('parameters', encode_string(text)))
-    assert found.label == label
-    assert reason in found.detail
-    assert len(found.detail) < 600
-    assert found.detail.isprintable()
-    assert engine.state.settings is before
-
-
-def test_sensors_and_gains_change_from_the_next_cycle_on() -> None:
-    engine, exact = made(), made()
-    for arm in (engine, exact):
-        arm.step([efforts(1.0, 2.0)])
-    biased = state(engine, change(bias_effort=[0.0, 3.0]))
-    assert (biased.effort - state(exact).effort).tolist() == [0.0, 3.0]
-    assert state(engine, change(bias_effort=[])).effort.tolist() == state(exact).effort.tolist()
-
-
 # ---- numbers of single joints
 
 UR5 = pfd.load_robot('ur5')
@@ -408,40 +363,7 @@ def test_wrong_numbers_of_single_joints_are_refused_and_named(
         with_numbers(values)
 
 
-@pytest.mark.parametrize(
-    ('chosen', 'message'),
-    [
-        ({'friction': True}, "friction is 'model', but the model of 'ur5' states none"),
-        (
-            {'stribeck_velocity': (0.0, 0.0, 0.1, 0.0, 0.0, 0.0)},
-            r'stribeck_velocity must be above 0',
-        ),
-        ({'joint_damping': (1.0,)}, 'damping holds 1 numbers, expected 6'),
-        ({'bias_effort': (1.0,) * 7}, r'bias\.effort holds 7 numbers, expected 6'),
-        ({'initial_positions': (1.0,)}, 'initial_positions holds 1 numbers, expected 6'),
-        ({'on_timeout': 'hold'}, "on_timeout is 'hold', expected servo_p above 0"),
-    ],
-)
-def test_an_arm_refuses_numbers_that_do_not_fit_its_joints(chosen: dict, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        made(robot='ur5', **chosen)
-
-
-# ---- the scene of settings
-
-
-@pytest.mark.parametrize(
-    ('scene', 'message'),
-    [
-        ('/etc/passwd', "scene is '/etc/passwd', expected the YAML of a scene"),
-        ('damping: [1, 2, 3]\n', "damping of the scene has 3 numbers, but 'planar2' has 2 joints"),
-        ('damping: 5\n', 'damping must be None'),
-        ('payload: input\n', "payload of the scene is 'input', expected a table"),
-    ],
-)
-def test_an_arm_reads_no_file_and_refuses_a_wrong_scene(scene: str, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        made(scene=scene)
+# ---- what the model gives
 
 
 @pytest.mark.parametrize('switch', [False, True])

@@ -249,7 +249,7 @@ def _arrays(
         settings = _table(bag, HeadKey.SETTINGS)
         simulated = _table(bag, HeadKey.TIMES).get('log_time') == 'simulated'
         end = {key: json.loads(text) for key, text in bag.end.items()}
-        robot = robot_of(bag.robot)
+        robot = robot_of(bag.robot) if bag.robot else None  # cut off before it
     read: dict[str, TopicArrays | LogError] = {}
     received, roles = {}, roles_of(bag)
     for name, topic in found.items():

@@ -35,6 +35,7 @@ from logs import (
 )
 import numpy as np
 import pytest
+from recordings import NAMES, busy
 
 from pfd_ros import read_log
 
@@ -528,6 +529,48 @@ def test_facts_of_a_cut_log_say_so(tmp_path: Path) -> None:
     assert not log.complete
     assert 0 < len(log[STATES]) < 100
     assert facts.messages == len(log[STATES])
+
+
+def test_a_recording_of_ours_has_cycles_times_settings_and_its_robot(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    run = busy(path, recording_time='simulated')
+    log = read_log(path)
+    assert (log.complete, log.simulated) == (True, True)
+    assert log.roles == {topic: role for role, topic in run.topics.items()}
+    assert log.settings is not None
+    assert log.settings['robot'] == 'planar2'
+    assert log.robot is not None
+    assert log.robot.joint_names == NAMES
+    assert log.end['recorded']['joint_states'] == len(log[STATES]) == 60
+    np.testing.assert_array_equal(log[STATES].cycle, np.arange(1, 61))
+    np.testing.assert_array_equal(log[STATES].stamp_ns, 10**6 * log[STATES].cycle)
+    commands = log['/sim_arm/commands']
+    assert [m.cycle for m in run.messages if m.role == 'commands'] == list(commands.cycle)
+    # Without a stamp a message has the simulated time of its cycle.
+    assert (commands.stamp_ns, commands.stamped) == (None, False)
+    np.testing.assert_array_equal(commands.time, commands.cycle / 1000)
+    rejected = log['/sim_arm/rejected']
+    assert [text.splitlines()[0] for text in rejected.data] == [
+        'commands wrong_size',
+        'joint_commands infinite',
+    ]
+    busy(tmp_path / 'wall.mcap', recording_time='wall')
+    wall = read_log(tmp_path / 'wall.mcap')['/sim_arm/commands']
+    np.testing.assert_array_equal(wall.time, commands.time)
+    assert wall.log_time[0] > 1.7e9
+
+
+def test_a_recording_that_is_cut_anywhere_is_read_up_to_the_cut(tmp_path: Path) -> None:
+    busy(tmp_path / 'a.mcap')
+    data, cut = (tmp_path / 'a.mcap').read_bytes(), tmp_path / 'cut.mcap'
+    counts = []
+    for size in range(9, len(data), len(data) // 40):
+        cut.write_bytes(data[:size])
+        log = read_log(cut)
+        assert not log.complete
+        counts.append(len(log.received_ns.get(STATES, ())))
+    assert counts == sorted(counts)
+    assert (counts[0], counts[-1]) == (0, 60)
 
 
 def test_a_bag_knows_its_topics_qos_and_definitions(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ FORCE_COLOUR, TORQUE_COLOUR = (204, 51, 51), (204, 170, 20)
 PAYLOAD_COLOUR, PAYLOAD_OPACITY, CENTRE_COLOUR = (0, 160, 175), 0.55, (25, 25, 25)
 # Radius of the shaft of an arrow, radius and length of its head, and radius of the mark of a
 # centre of mass, as parts of the reach.
-SHAFT, HEAD, HEAD_LENGTH, CENTRE = 0.007, 0.018, 0.045, 0.014
+SHAFT, HEAD, HEAD_LENGTH, CENTRE = 0.009, 0.024, 0.06, 0.014
 # The weight of the arm is an arrow of twice its reach [m]; a torque of reach / TORQUE_ARM times
 # that force is an arrow of the same length.
 WEIGHTS, TORQUE_ARM, GRAVITY = 2.0, 5.0, 9.81

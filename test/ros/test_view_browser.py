@@ -35,7 +35,7 @@ def log(tmp_path: Path) -> ShownLog:
     for k, position in enumerate((0.0, 2.9, 2.9)):
         state = joint_state(k * HANGING, ['swing'], [position])
         messages.append(('/joint_states', STATE, 10**9 * (k + 1), state))
-        push = wrench_message('end', (4.0 if k == 1 else 0.0, 0.0, 0.0))
+        push = wrench_message('end', (9.0 if k == 1 else 0.0, 0.0, 0.0))
         messages.append(('/external_wrench', WRENCH, 10**9 * (k + 1), push))
     return ShownLog(write_bag(tmp_path / 'bag', messages), wrench_topic='/external_wrench')
 

@@ -8,14 +8,11 @@
     active          the arm steps
     finalized       shut down; the process ends
 
-configure     creates the arm. A model that does not load, or a recording that exists, is logged in
-              one line and fails the transition; the node stays unconfigured.
-activate      starts the steps, by a request that is recorded like requests of services.
-deactivate    brakes all joints and stops simulated time.
-cleanup       closes the recording and deletes the arm. Simulated time of the next arm continues
-              from its last value, so that /clock never goes back.
-shutdown      does the same and ends the process.
-An unexpected error is logged, and the arm is cleaned up: unconfigured, exit status 1.
+`configure` creates the arm. A model that does not load, or a recording that exists, is logged in
+one line and fails the transition. `activate` and `deactivate` are requests to the arm, which are
+recorded. `cleanup` closes the recording and deletes the arm; simulated time of the next one
+continues from its last value, so that /clock never goes back. `shutdown` ends the process. After
+an unexpected error the arm is cleaned up: unconfigured, exit status 1.
 
 With `autostart` (the default) the node configures and activates itself before it processes any
 message, a model that does not load ends the process with status 1, and parameters of the arm are
@@ -29,7 +26,7 @@ executor's thread, one at a time; they raise no exceptions there.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 import gc
 import threading
@@ -89,7 +86,8 @@ class SimArmNode(LifecycleNode):
             self._report.log(line)
         self._diagnostics = DiagnosticsPublisher(self)
         self._autostart = self._starting = parameters.declare(self)
-        self._guard_services()
+        for service in self.services:
+            service.callback = partial(self._answer, service.callback)
 
     def start(self) -> None:
         """Configure and activate the arm with `autostart`; raise the error of a transition."""
@@ -169,7 +167,6 @@ class SimArmNode(LifecycleNode):
                 for text in dict.fromkeys(str(warning.message) for warning in found):
                     self._report.log(text)
         try:
-            self._guard_services()
             # Objects of the start are excluded from later garbage collections.
             gc.unfreeze()
             gc.collect()
@@ -208,11 +205,13 @@ class SimArmNode(LifecycleNode):
             self.hung = True
             self._threads.stop.set()
 
-    def _guard_services(self) -> None:
-        """Answer each request even if its callback raises, as some callbacks of rclpy do."""
-        for service in self.services:
-            if not isinstance(service.callback, _Guarded):
-                service.callback = _Guarded(service.callback, self.callback_failed)
+    def _answer(self, callback: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
+        """Answer a request even if its callback raises, as some callbacks of rclpy do."""
+        try:
+            return callback(request, response)
+        except Exception as error:
+            self.callback_failed(error)
+            return response
 
     def callback_failed(self, error: Exception) -> None:
         """Count a callback that raised; the executor continues."""
@@ -261,19 +260,3 @@ class SimArmNode(LifecycleNode):
     def problems(self) -> list[str]:
         """Return why the run failed."""
         return [*self._threads.failures, *self._problems]
-
-
-@dataclass(frozen=True)
-class _Guarded:
-    """A callback of a service; if it raises, the response is sent as far as it is filled."""
-
-    callback: Callable[[Any, Any], Any]
-    failed: Callable[[Exception], None]
-
-    def __call__(self, request: Any, response: Any) -> Any:
-        """Answer a request."""
-        try:
-            return self.callback(request, response)
-        except Exception as error:
-            self.failed(error)
-            return response

@@ -30,8 +30,8 @@ from pfd_ros.text import cut, listed
 WHOLE = 1e-6
 # A slower arm has a period in nanoseconds that a float does not hold exactly.
 SLOWEST_FACTOR = 1e-6
-# Least share of the steps that are published; less is a mistake.
-SLOWEST_SHARE = 1e-12
+# Most steps from one published message to the next; more is a mistake.
+MOST_EVERY = 1e12
 # The time of day when the node is configured: simulated time then never goes back from one run to
 # the next, as controllers that outlive a run need.
 TIME_OF_DAY = -1.0
@@ -262,10 +262,7 @@ class Settings(
     @classmethod
     def from_json(cls, text: str) -> Settings:
         """Return the settings of `to_json`; ValueError for other texts, as `from_values`."""
-        try:
-            return cls.from_values(json.loads(text))
-        except RecursionError:
-            raise ValueError('the settings are nested too deeply') from None
+        return cls.from_values(json.loads(text))
 
     def to_json(self) -> str:
         """Return the settings as JSON text; every number comes back with the same bits."""
@@ -341,42 +338,30 @@ class Settings(
     def tf_every(self) -> int:
         """Steps from one `/tf` of the recording to the next; 0 without any."""
         steps = self.recording_tf_rate * self.step_size
-        return max(1, round(1.0 / max(steps, SLOWEST_SHARE))) if steps else 0
+        return max(1, round(1.0 / max(steps, 1.0 / MOST_EVERY))) if steps else 0
 
     @property
     def state_delay_steps(self) -> int:
         """Steps by which measured states are late."""
-        return self._whole_steps('delay.state', self.delay_state)
+        return self._whole('delay.state', self.delay_state, self.delay_state / self.step_size)
 
     @property
     def command_delay_steps(self) -> int:
         """Steps from the arrival of a command until it acts."""
-        return self._whole_steps('delay.commands', self.delay_commands)
-
-    def _whole_steps(self, name: str, seconds: float) -> int:
-        steps = seconds / self.step_size
-        whole = round(steps)
-        if abs(steps - whole) > WHOLE * max(1.0, steps):
-            raise ValueError(
-                f'{name} is {seconds!r} s, which is {steps:.6g} steps of {self.step_size!r} s; '
-                'expected a whole number of steps'
-            )
-        return whole
+        delay = self.delay_commands
+        return self._whole('delay.commands', delay, delay / self.step_size)
 
     def _steps_per(self, name: str, rate: float) -> int:
-        if rate == 0.0:
+        if not rate:
             return 1
-        if rate * self.step_size < SLOWEST_SHARE:
-            least = SLOWEST_SHARE / self.step_size
-            raise ValueError(
-                f'{name} is {rate!r}, expected {least:g} Hz or more, or 0 for every step'
-            )
-        steps = 1.0 / (rate * self.step_size)
+        return self._whole(name, rate, 1.0 / max(rate * self.step_size, 0.1 / MOST_EVERY))
+
+    def _whole(self, name: str, value: float, steps: float) -> int:
         whole = round(steps)
-        if whole < 1 or abs(steps - whole) > WHOLE * steps:
+        if abs(steps - whole) > WHOLE * max(1.0, steps) or steps > MOST_EVERY:
             raise ValueError(
-                f'{name} is {rate!r} Hz, which is one in {steps:.6g} steps of '
-                f'{self.step_size!r} s; expected a whole number of steps, or 0 for every step'
+                f'{name} is {value!r}, which is {steps:.6g} steps of {self.step_size!r} s; '
+                'expected a whole number of steps'
             )
         return whole
 

@@ -143,13 +143,13 @@ def test_any_settings_come_back_from_json(values: dict[str, Any]) -> None:
         ({'start_time': -2.0}, 'start_time is -2.0'),
         ({'start_time': -0.5}, 'start_time is -0.5, expected -1, or 0 and more'),
         ({'real_time_factor': -1.0}, 'real_time_factor is -1.0'),
-        ({'publish_rate': 300.0}, 'publish_rate is 300.0 Hz, which is one in 3.33333 steps'),
-        ({'clock_rate': 2000.0}, 'clock_rate is 2000.0 Hz'),
+        ({'publish_rate': 300.0}, 'publish_rate is 300.0, which is 3.33333 steps of 0.001 s'),
+        ({'clock_rate': 2000.0}, 'clock_rate is 2000.0, which is 0.5 steps'),
         ({'robot': ''}, 'robot is empty'),
         ({'position_sums': 'exact'}, "position_sums is 'exact', expected one of .*'plain'"),
         ({'colour': 'red'}, r"unknown settings \['colour'\]"),
         ({'real_time_factor': 5e-324}, 'real_time_factor is 5e-324, expected 0 or'),
-        ({'publish_rate': 5e-324}, 'publish_rate is 5e-324, expected 1e-09 Hz'),
+        ({'publish_rate': 5e-324}, 'publish_rate is 5e-324, which is .* expected a whole number'),
         ({'step_size': 10**400}, 'step_size is a number too large for a float'),
         ({'step_size': '0.001'}, 'step_size is .*0.001.*, expected a number'),
         ({'step_size': True}, 'step_size is True, expected a number'),
@@ -172,7 +172,7 @@ def test_any_settings_come_back_from_json(values: dict[str, Any]) -> None:
         ({'outputs': ['tip_pose', 'tip_pose']}, 'outputs has duplicates'),
         ({'outputs': ['pose']}, "outputs is 'pose', expected one of"),
         ({'time_source': 'clock'}, 'needs publish_clock false'),
-        ({'delay_state': 0.0015}, r'delay\.state is 0\.0015 s, which is 1\.5 steps'),
+        ({'delay_state': 0.0015}, r'delay\.state is 0\.0015, which is 1\.5 steps'),
         ({'scene': 'a.yaml', 'damping': True}, 'scene conflicts with damping'),
         ({'servo_p': [-1.0]}, r'servo_p is -1\.0, expected 0\.0 to'),
     ],
@@ -184,9 +184,9 @@ def test_a_wrong_setting_is_refused_and_named(wrong: dict, text: str) -> None:
     assert len(str(refused.value)) < 300
 
 
-@pytest.mark.parametrize('text', ['1', 'null', '"a"', '[]', '[' * 20_000, '{', ''])
+@pytest.mark.parametrize('text', ['1', 'null', '"a"', '[]', '{', ''])
 def test_a_text_that_is_no_table_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match=r'expected|nested|Expecting'):
+    with pytest.raises(ValueError, match=r'expected|Expecting'):
         Settings.from_json(text)
 
 

@@ -20,14 +20,14 @@ from dataclasses import dataclass
 import math
 from pathlib import Path
 import re
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from rosbags.interfaces import Nodetype
 from rosbags.typesys import TypesysError, get_types_from_msg
 
 from pfd_ros.arm.events import CLOCK_TICKS, INPUTS, ROLES
 from pfd_ros.messages.cdr import NANOSECONDS
+from pfd_ros.messages.definitions import known_types
 from pfd_ros.messages.qos import Qos, offered_qos
 from pfd_ros.messages.topics import message_class
 from pfd_ros.recording.arrays import roles_of
@@ -73,11 +73,6 @@ KNOWN_QOS = {
     'tf_static': Qos(depth=1, transient_local=True),
 }
 _WORD = re.compile(r'[A-Z]?[a-z]+|[A-Z]+')
-# Names of rosidl for the types of `.msg`.
-_ROSIDL = {
-    **{'float64': 'double', 'float32': 'float', 'bool': 'boolean', 'byte': 'octet'},
-    'char': 'uint8',
-}
 
 
 @dataclass(frozen=True)
@@ -237,46 +232,17 @@ def obstacle_of(topic: BagTopic) -> str:
         message_class(topic.type)
     except (ImportError, AttributeError):
         return f'type {cut(topic.type)} is not installed'
+    if not topic.definition:
+        return ''
     try:
-        types = get_types_from_msg(topic.definition, topic.type) if topic.definition else {}
-        same = not types or _same_fields(topic.type, types)
-    except (
-        TypesysError,
-        ValueError,
-        KeyError,
-        RecursionError,
-        ImportError,
-        AttributeError,
-    ) as error:
-        return (
-            f'type {cut(topic.type)} cannot be compared with the installed one: {cut(str(error))}'
-        )
-    return '' if same else f'type {cut(topic.type)} has other fields than the installed one'
-
-
-def _same_fields(kind: str, types: Mapping[str, Any]) -> bool:
-    """Return whether a type of a bag has the fields of the installed type of its name."""
-    fields = types[kind][1]
-    own = {name: _rosidl(described) for name, described in fields}
-    installed = message_class(kind).get_fields_and_field_types()
-    if list(own.items()) != list(installed.items()):
-        return False
-    parts = (x[1][0] if x[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else x for _, x in fields)
-    return all(_same_fields(part[1], types) for part in parts if part[0] == Nodetype.NAME)
-
-
-def _rosidl(described: Any) -> str:
-    """Return the type of a field as rosidl writes it."""
-    node, detail = described
-    if node == Nodetype.BASE:
-        name, bound = detail
-        return f'{_ROSIDL.get(name, name)}<{bound}>' if bound else _ROSIDL.get(name, name)
-    if node == Nodetype.NAME:
-        return str(detail).replace('/msg/', '/')
-    inner, bound = _rosidl(detail[0]), detail[1]
-    if node == Nodetype.ARRAY:
-        return f'{inner}[{bound}]'
-    return f'sequence<{inner}, {bound}>' if bound else f'sequence<{inner}>'
+        types = get_types_from_msg(topic.definition, topic.type)
+    except (TypesysError, ValueError, RecursionError) as error:
+        return f'its definition of {cut(topic.type)} cannot be read: {cut(str(error))}'
+    known = known_types().fielddefs
+    for kind, (_, fields) in types.items():
+        if kind in known and list(known[kind][1]) != list(fields):
+            return f'its type {cut(kind)} has other fields than the installed one'
+    return ''
 
 
 def _qos(topic: BagTopic, notes: list[str]) -> Qos:

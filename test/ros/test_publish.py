@@ -150,12 +150,12 @@ def test_topics_that_cannot_be_published_are_named_and_the_others_are(tmp_path: 
     for name, line in {
         '/json': "its messages are encoded as 'json', not 'cdr'",
         '/module': 'type antigravity/msg/Fly is not installed',
-        '/other': f'type {JOINT_STATE} has other fields than the installed one',
+        '/other': f'its type {JOINT_STATE} has other fields than the installed one',
         '/path': "'../../etc/msg/Passwd' is not a message type",
         '/service': "'std_srvs/srv/SetBool_Event' is not a message type",
         '/undefined': f'type {STRING}x is not installed',
         '/unknown': 'type nobody_msgs/msg/Thing is not installed',
-        '/wrong': f'type {STRING} cannot be compared with the installed one: ',
+        '/wrong': f'its definition of {STRING} cannot be read: ',
     }.items():
         assert line in lines[name]
 

@@ -38,7 +38,6 @@ from pfd_ros.arm.events import (
     Message,
     Verdict,
 )
-from pfd_ros.arm.frames import LinkFrames
 from pfd_ros.arm.other_inputs import encode_changes, encode_request
 from pfd_ros.arm.plant import with_scene_text
 from pfd_ros.arm.settings import FIELDS, Settings, split_joints, with_joint_numbers
@@ -97,8 +96,8 @@ class LockstepArm:
         Settings, robot, and joints in published order, the order of all arrays.
     period
         The control period, s of simulated time.
-    engine
-        The arm itself.
+    engine, inputs, start
+        The arm itself, what it took, and the state that it was restored to.
 
     Raises
     ------
@@ -116,32 +115,30 @@ class LockstepArm:
         **settings: Any,
     ) -> None:
         self._given, self._ros_args = (robot, settings), ros_args
-        self._described = described = _described(robot, settings)
-        self.settings, self.robot = described.settings, described.robot
+        self._described = _described(robot, settings)
+        self.settings, self.robot = self._described.settings, self._described.robot
         self._log: Recorder | None = None
-        self._frames: LinkFrames | None = None
         # Nothing is encoded until anybody reads it.
-        self.engine = self._new_engine(ALL if self.settings.recording else ())
+        self.engine = self._new_engine(())
         self.names, self._order = self.engine.names, self.engine.order
         self.period = self.settings.publish_every * self.settings.step_ns / NANOSECONDS
         # The inputs since `start`, None for the start of the arm: the cycles before, role, bytes,
         # one after the other, as many tuples would keep the garbage collector busy.
         self.inputs: list[Any] = []
         self.start: State | None = None
-        if self.settings.recording:
-            self._open_log(self.settings.recording)
 
     def _new_engine(self, roles: Collection[str]) -> Engine:
-        if self.settings.recording:
-            self._frames = self._described.recorded_frames(self.settings, warnings.warn)
-        return Engine(self.settings, self.robot, roles, self._frames)
-
-    def _open_log(self, path: str) -> None:
-        asides = frozenset() if self._frames is None else self._frames.roles
-        roles = (ALL - ASIDES) | asides
-        self._log = Recorder(path, self.engine, topic_names(roles), lambda line: None)
-        if self._frames is not None:
-            self._log.put(self._frames.opening(self.engine.stamp_ns), self.engine.stamp_ns)
+        """Return an engine at the start of a run; open the recording, if there is to be one."""
+        path = self.settings.recording
+        if not path:
+            return Engine(self.settings, self.robot, roles)
+        frames = self._described.recorded_frames(self.settings, warnings.warn)
+        engine = Engine(self.settings, self.robot, ALL, frames)
+        recorded = (ALL - ASIDES) | (frames.roles if frames is not None else set())
+        self._log = Recorder(path, engine, topic_names(recorded), lambda line: None)
+        if frames is not None:
+            self._log.put(frames.opening(engine.stamp_ns), engine.stamp_ns)
+        return engine
 
     def __enter__(self) -> LockstepArm:
         """Return the arm."""
@@ -260,8 +257,8 @@ class LockstepArm:
 
         allowed = checked_reasons(allow_rejected)
         if not self.engine.roles:
-            silent, self.engine = self.engine, self._new_engine(ALL)
-            self.engine.restore(silent.save())
+            state, self.engine = self.engine.save(), self._new_engine(ALL)
+            self.engine.restore(state)
         with NodeLink(self._described, self.engine, self._ros_args, controllers) as link:
             link.begin(controller_period, patience, start_patience)
             motion = self._run(link, seconds, allowed)
@@ -276,10 +273,17 @@ class LockstepArm:
         run(self.engine, self.step, link, rows, allowed)
         braked = self.engine.state.acting[BRAKE][self._order] > 0.0
         moved = rows.states[1:, 2].any(axis=0)
+        robot, order = self.robot, self._order
+        limits = (
+            robot.position_lower,
+            robot.position_upper,
+            robot.velocity_limit,
+            robot.effort_limit,
+        )
         return rows.trajectory(
             names=self.names,
-            limits=_limits_of(self.robot, self._order),
-            robot=self.robot,
+            limits=Limits(*(limit[order] for limit in limits)),
+            robot=robot,
             commanded=(moved | ~braked).tolist(),
             notes=link.notes,
         )
@@ -287,19 +291,10 @@ class LockstepArm:
     def step(
         self, events: Sequence[Any] = (), every: int = 1
     ) -> tuple[list[Message], list[Verdict]]:
-        """Send commands, role and bytes, and run to the next cycle that `every` divides.
+        """Take commands, role and bytes, and run to the next cycle that `every` divides.
 
-        Returns
-        -------
-        list of Message
-            The events and outputs, as far as anybody needs them.
-        list of Verdict
-            One for each event.
-
-        Raises
-        ------
-        ArmError
-            If the state does not stay finite.
+        Return the messages that anybody needs, and a verdict for each command. ArmError if the
+        state does not stay finite.
         """
         engine, inputs = self.engine, self.inputs
         state = engine.state
@@ -310,17 +305,24 @@ class LockstepArm:
         while state.cycle % every:
             messages += engine.step()[0]
         if self._log is not None:
-            self._record(messages)
+            self._record(self._log, messages)
         if state.failure:
             raise ArmError(f't = {self.time:.6g} s: {state.failure}')
         return messages, verdicts
 
-    def _record(self, messages: list[Message]) -> None:
-        log = self._log
-        if log is not None:
-            log.put(messages, self.engine.stamp_ns)
-            while log.waiting_share > BACKLOG_LIMIT:
-                time.sleep(DISK_SECONDS)
+    def _record(self, log: Recorder, messages: list[Message]) -> None:
+        log.put(messages, self.engine.stamp_ns)
+        while log.waiting_share > BACKLOG_LIMIT:
+            time.sleep(DISK_SECONDS)
+
+    def _demand(self, role: str, data: bytes) -> None:
+        """Send a message that the next cycle takes; ValueError if the arm does not accept it."""
+        self.inputs += (self.engine.state.cycle, role, data)
+        messages, (verdict,) = self.engine.step([Message(role, data)], run=False)
+        if self._log is not None:
+            self._record(self._log, messages)
+        if not verdict.accepted:
+            raise ValueError(f'{verdict.label}: {verdict.detail}')
 
     def reset(self) -> None:
         """Restore the initial state, braked until the next command; simulated time continues."""
@@ -359,16 +361,10 @@ class LockstepArm:
     def set(self, **values: Any) -> None:
         """Change dynamic settings from the next step on; ValueError if one is invalid."""
         _check_names(values)
-        self._demand(PARAMETERS, encode_changes(_plain_values(values)))
+        self._demand(
+            PARAMETERS, encode_changes({name: _plain(value) for name, value in values.items()})
+        )
         self.settings = self.engine.state.settings
-
-    def _demand(self, role: str, data: bytes) -> None:
-        """Send a message that the next cycle takes; ValueError if the arm does not accept it."""
-        self.inputs += (self.engine.state.cycle, role, data)
-        messages, (verdict,) = self.engine.step([Message(role, data)], run=False)
-        self._record(messages)
-        if not verdict.accepted:
-            raise ValueError(f'{verdict.label}: {verdict.detail}')
 
     def save(self) -> State:
         """Return a copy of the state of the arm, from which `restore` continues with equal bits.
@@ -399,14 +395,8 @@ class LockstepArm:
     def record_again(self, path: Path) -> str:
         """Run an unrecorded arm again with the same inputs, hence with the same bits, recorded.
 
-        Return a line about what is wrong with the recording, or ''.
-
-        Raises
-        ------
-        ValueError
-            If there were too many inputs to keep.
-        OSError
-            If the file exists or cannot be written.
+        Return a line about what is wrong with the recording, or ''. ValueError if there were too
+        many inputs to keep, OSError if the file exists or cannot be written.
         """
         if len(self.inputs) >= MOST_INPUTS:
             raise ValueError('the inputs of this run are too many: record it with recording=...')
@@ -417,23 +407,21 @@ class LockstepArm:
         with again:
             if self.start is not None:
                 again.engine.restore(self.start)
+            inputs, state = iter(self.inputs), again.engine.state
             # It may end in a failure, as the first arm did.
             with suppress(ArmError):
-                inputs = iter(self.inputs)
                 for cycles, role, data in zip(inputs, inputs, inputs, strict=True):
-                    again._run_to(cycles)
+                    while state.cycle < cycles:
+                        again.step()
                     with suppress(ValueError):  # refused, as by the first arm
                         again._demand(role, data)
-                again._run_to(self.engine.state.cycle)
+                while state.cycle < self.engine.state.cycle:
+                    again.step()
         if again.q.tobytes() != self.q.tobytes():
             return 'the arm was run again, and its last state differs'
         if self.start is not None:
             return 'the arm was restored from a saved state: the log begins there, not verifiable'
         return ''
-
-    def _run_to(self, cycles: int) -> None:
-        while self.engine.state.cycle < cycles:
-            self.step()
 
 
 def _described(robot: Any, given: Mapping[str, Any]) -> DescribedRobot:
@@ -450,7 +438,8 @@ def _described(robot: Any, given: Mapping[str, Any]) -> DescribedRobot:
         if plain.get(name, value) != value:
             raise ValueError(f'{name} is {plain[name]!r}, expected {value!r} in tests')
     name = robot.name if isinstance(robot, pfd.Robot) else os.fspath(robot)
-    settings = Settings.from_values({**_plain_values(plain), **FIXED, 'robot': name})
+    values = {field: _plain(value) for field, value in plain.items()}
+    settings = Settings.from_values({**values, **FIXED, 'robot': name})
     if 'start_time' not in plain:
         # Zero means 'no time' to ROS.
         settings = replace(settings, start_time=settings.step_size)
@@ -475,23 +464,13 @@ def _check_names(names: Collection[str]) -> None:
             raise ValueError(f'unknown setting {cut(name)!r}: {hint}')
 
 
-def _plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values of settings as JSON has them: paths and scenes as text, arrays as lists."""
-    return {name: _plain(value) for name, value in values.items()}
-
-
 def _plain(value: Any) -> Any:
+    """Return a value of a setting as JSON has it: paths and scenes as text, arrays as lists."""
     if isinstance(value, pfd.Scene):
         return pfd.scene_to_yaml(value)
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
-
-
-def _limits_of(robot: pfd.Robot, rows: Any) -> Limits:
-    """Return the limits of a robot in published order."""
-    lower, upper = robot.position_lower[rows], robot.position_upper[rows]
-    return Limits(lower, upper, robot.velocity_limit[rows], robot.effort_limit[rows])
 
 
 def _by_joint(names: Sequence[str], label: str, values: JointValues) -> Array:

@@ -91,11 +91,11 @@ def _write_log(arm: LockstepArm, log: Path) -> str:
 def _marks(arm: LockstepArm, error: BaseException) -> Iterator[Moment | Reference]:
     """Yield the moment of a failure, what the joints should have done, and the pushes."""
     label = 'failed assertion' if isinstance(error, AssertionError) else 'failed test'
-    failure, text = getattr(error, 'motion', None), f'{type(error).__name__}: {error}'
-    yield Moment(arm.time if failure is None else failure.time, label, text[:TEXT_LENGTH])
-    if failure is not None and failure.reference is not None:
-        names, time, position, within = failure.reference
-        yield Reference(tuple(names), time, position, within)
+    time, reference = getattr(error, 'motion', (arm.time, None))
+    yield Moment(time, label, f'{type(error).__name__}: {error}'[:TEXT_LENGTH])
+    if reference is not None:
+        names, times, positions, within = reference
+        yield Reference(tuple(names), times, positions, within)
     origin, step = arm.settings.start_ns, arm.settings.step_ns
     inputs = iter(arm.inputs)
     pushes = [

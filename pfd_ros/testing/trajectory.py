@@ -69,22 +69,6 @@ class ComputationTime(NamedTuple):
         return f'{", ".join(told)} of the control period of {1e3 * self.period:.4g} ms'
 
 
-class Failure(NamedTuple):
-    """What a failed assertion is about, as attribute `motion` of its error, for the page.
-
-    Attributes
-    ----------
-    time
-        Where it fails, s.
-    reference
-        What the joints should have done (N, n) at the times of the motion, and within which
-        distance; None for an assertion without reference.
-    """
-
-    time: float
-    reference: tuple[Sequence[str], Array, Array, float] | None = None
-
-
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """A run: in row k the state that the controller was given, and the effort that followed.
@@ -230,20 +214,18 @@ class Trajectory:
         text: str,
         k: int,
         joints: Sequence[int] = (),
-        reference: Array | None = None,
+        goals: Array | None = None,
         within: float = math.inf,
     ) -> AssertionError:
         """Return the error of an assertion that fails in row k, with a diagnosis of some joints.
 
-        `reference` is what the joints should have done, (N, n) or (n,).
+        For the page it has the time, and where the joints should have been, within a distance.
         """
-        lines = self.symptoms(reference, [self.names[j] for j in joints]) if joints else []
+        lines = self.symptoms(goals, [self.names[j] for j in joints]) if joints else []
         error = AssertionError('\n  '.join([text, *lines]))
-        shown = None
-        if reference is not None:
-            shown = self.names, self.time, np.broadcast_to(reference, self.q.shape), within
+        reference = None if goals is None else (self.names, self.time, goals, within)
         # No subclass: pytest would print its full name in front of the text.
-        error.__dict__['motion'] = Failure(float(self.time[k]), shown)
+        error.__dict__['motion'] = float(self.time[k]), reference
         return error
 
     def assert_settles(
@@ -254,18 +236,8 @@ class Trajectory:
         `by` counts from the first row; `target` is as for settling_time.
         """
         __tracebackhide__ = True
-        goals, first = self._per_joint('target', target), self._first('by', by)
-        outside = ~(np.abs(self.q - goals) <= within)
-        outside[:first] = False
-        late = [j for j in self._columns(joint) if outside[:, j].any()]
-        if late:
-            j, k = late[0], int(np.argmax(outside[:, late[0]]))
-            raise self._fail(
-                f'joint {self.names[j]!r} is {abs(self.q[k, j] - goals[j]):.6g} from its target '
-                f'{goals[j]:.6g} at t = {self.time[k]:.6g} s, expected within {within:.6g} from '
-                f't = {self.time[0] + by:.6g} s on',
-                *(k, late, goals, within),
-            )
+        goals = np.broadcast_to(self._per_joint('target', target), self.q.shape)
+        self._check_errors(np.abs(self.q - goals), goals, joint, within, math.inf, ('by', by))
 
     def assert_tracks(
         self,
@@ -291,17 +263,8 @@ class Trajectory:
             The joints that are to follow it.
         """
         __tracebackhide__ = True
-        goals, first = (
-            self._rows('reference', reference, len(self.names)),
-            self._first('after', after),
-        )
-        errors = np.abs(self.q - goals)[first:]
-        columns = self._columns(joint)
-        names = [f'joint {name!r}' for name in self.names]
-        found = self._beyond(errors, names, columns, within, rms, first)
-        if found is not None:
-            text, k, j = found
-            raise self._fail(text, k, [j], goals, min(within, rms))
+        goals = self._rows('reference', reference, len(self.names))
+        self._check_errors(np.abs(self.q - goals), goals, joint, within, rms, ('after', after))
 
     def assert_tip_tracks(
         self,
@@ -317,43 +280,49 @@ class Trajectory:
         position, it asserts that the tip stays there.
         """
         __tracebackhide__ = True
-        goals, first = self._rows('reference', reference, 3), self._first('after', after)
-        errors = np.linalg.norm(self.tip() - goals, axis=1)[first:, np.newaxis]
-        found = self._beyond(errors, ['the tip'], [0], within, rms, first)
-        if found is not None:
-            raise self._fail(*found[:2])
+        errors = np.linalg.norm(self.tip() - self._rows('reference', reference, 3), axis=1)
+        self._check_errors(errors[:, np.newaxis], None, None, within, rms, ('after', after))
 
-    def _beyond(
+    def _check_errors(
         self,
         errors: Array,
-        names: Sequence[str],
-        columns: Sequence[int],
+        goals: Array | None,
+        joint: Joints,
         within: float,
         rms: float,
-        first: int,
-    ) -> tuple[str, int, int] | None:
-        """Return the text about errors (N, k) beyond a bound, row and column; None if within."""
+        after: tuple[str, float],
+    ) -> None:
+        """Check distances (N, n) from goals, or (N, 1) of the tip; `after` is named."""
+        __tracebackhide__ = True
         if within == rms == math.inf:
             raise ValueError('expected within=..., rms=... or both')
-        for j in columns:
-            k = int(np.argmax(np.where(np.isfinite(errors[:, j]), errors[:, j], math.inf)))
-            at = f't = {self.time[first + k]:.6g} s'
-            if not errors[k, j] <= within:
-                out = first + int(np.argmax(~(errors[:, j] <= within)))
-                text = (
-                    f'{names[j]} is {errors[out - first, j]:.6g} from its reference at '
-                    f't = {self.time[out]:.6g} s, expected within {within:.6g}; at most '
-                    f'{errors[k, j]:.6g} at {at}'
+        late = self.time - self.time[0] >= after[1]
+        if not late.any():
+            raise ValueError(
+                f'{after[0]} is {after[1]:.6g} s, expected at most the '
+                f'{self.time[-1] - self.time[0]:.6g} s of the trajectory'
+            )
+        first = int(np.argmax(late))
+        for j in [0] if goals is None else self._columns(joint):
+            name = 'the tip' if goals is None else f'joint {self.names[j]!r}'
+            column, joints = errors[first:, j], [] if goals is None else [j]
+            if not (column <= within).all():
+                k = first + int(np.argmax(~(column <= within)))
+                target = '' if goals is None else f' {goals[k, j]:.6g}'
+                raise self._fail(
+                    f'{name} is {errors[k, j]:.6g} from its target{target} at '
+                    f't = {self.time[k]:.6g} s, expected within {within:.6g} from '
+                    f't = {self.time[first]:.6g} s on',
+                    *(k, joints, goals, within),
                 )
-                return text, out, j
-            mean = math.sqrt(float(np.mean(errors[:, j] ** 2)))
+            mean = math.sqrt(float(np.mean(column**2)))
             if not mean <= rms:
-                text = (
-                    f'the error of {names[j]} has an rms of {mean:.6g}, expected at most '
-                    f'{rms:.6g}; at most {errors[k, j]:.6g} at {at}'
+                k = first + int(np.argmax(column))
+                raise self._fail(
+                    f'the error of {name} has an rms of {mean:.6g}, expected at most {rms:.6g}; '
+                    f'the largest is {errors[k, j]:.6g} at t = {self.time[k]:.6g} s',
+                    *(k, joints, goals, rms),
                 )
-                return text, first + k, j
-        return None
 
     def assert_overshoot_below(
         self, bound: float, target: ArrayLike, *, joint: Joints = None
@@ -376,7 +345,7 @@ class Trajectory:
                     f'joint {self.names[j]!r} is at {self.q[k, j]:.6g} at '
                     f't = {self.time[k]:.6g} s, {100 * shares[j]:.4g} % of its step beyond the '
                     f'target {goals[j]:.6g}, expected below {100 * bound:.4g} %',
-                    *(k, [j], goals),
+                    *(k, [j], np.broadcast_to(goals, self.q.shape)),
                 )
 
     def assert_torque_rate_below(self, bound: ArrayLike, *, joint: Joints = None) -> None:
@@ -422,16 +391,6 @@ class Trajectory:
             text = '; '.join([*shown, '...'] if len(hits) > MOST_LISTED else shown)
             joints = sorted({self.index(hit.joint) for hit in hits[:MOST_LISTED]})
             raise self._fail(text, int(np.searchsorted(self.time, hits[0].time)), joints)
-
-    def _first(self, name: str, seconds: float) -> int:
-        """Return the first row so many seconds after the start."""
-        late = self.time - self.time[0] >= seconds
-        if not late.any():
-            raise ValueError(
-                f'{name} is {seconds:.6g} s, expected at most the '
-                f'{self.time[-1] - self.time[0]:.6g} s of the trajectory'
-            )
-        return int(np.argmax(late))
 
     def _columns(self, joint: Joints) -> list[int]:
         if joint is None:

@@ -15,7 +15,7 @@ from typing import Any
 
 from pfd_ros.cli.terminal import Command, number, print_lines
 from pfd_ros.messages.joints import JOINT_FIELDS
-from pfd_ros.text import cut, listed
+from pfd_ros.text import listed
 
 ARRAY, NUMBER, JOINTS = (
     'std_msgs/msg/Float64MultiArray',
@@ -51,51 +51,30 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(given: argparse.Namespace) -> int:
     """Send the message to the subscribers; ValueError if there is none, or it expects others."""
-    import rclpy
-    from rclpy._rclpy_pybind11 import RCLError
     from rclpy.duration import Duration
-    from rclpy.signals import SignalHandlerOptions
-    from rclpy.utilities import try_shutdown
+
+    from pfd_ros.node.visitor import resolved, visitor
 
     deadline = time.monotonic() + given.patience
-    try:
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        node = rclpy.create_node('pfd_send', start_parameter_services=False, enable_rosout=False)
-        topic = _resolved(node, given.topic)
-        kind = _first(lambda: _kinds(node, topic), deadline)
-        if not kind:
+    with visitor('pfd_send') as node:
+        topic = resolved(node, given.topic)
+        kinds = _first(lambda: _kinds(node, topic), deadline)
+        if len(kinds) != 1:
             domain = os.environ.get('ROS_DOMAIN_ID', '0')
-            raise ValueError(
+            none = (
                 f'no subscriber to {topic} within {given.patience:g} s in ROS_DOMAIN_ID {domain}'
             )
-        if len(kind) > 1:
-            raise ValueError(f'subscribers to {topic} expect different types: {listed(kind)}')
-        message = message_of(kind[0], given.values, given.field)
+            several = f'subscribers to {topic} expect different types: {listed(kinds)}'
+            raise ValueError(several if kinds else none)
+        message = message_of(kinds[0], given.values, given.field)
         publisher = node.create_publisher(type(message), topic, 1)
         # Discovery of the publisher takes longer than of the subscriber.
         _first(publisher.get_subscription_count, deadline + 1.0)
         publisher.publish(message)
         if not publisher.wait_for_all_acked(Duration(seconds=max(given.patience, 1.0))):
             raise ValueError(f'{topic}: no subscriber acknowledged the message')
-    except RCLError as error:
-        raise ValueError(f'ROS: {error}') from error
-    finally:
-        try_shutdown()
-    print_lines([f'sent {kind[0]} to {topic}'])
+    print_lines([f'sent {kinds[0]} to {topic}'])
     return 0
-
-
-def _resolved(node: Any, topic: str) -> str:
-    from rclpy._rclpy_pybind11 import RCLError
-    from rclpy.exceptions import NameValidationException
-    from rclpy.validate_full_topic_name import validate_full_topic_name
-
-    try:
-        name = str(node.resolve_topic_name(topic or ' '))
-        validate_full_topic_name(name)
-    except (NameValidationException, RCLError) as error:
-        raise ValueError(f'{cut(topic)!r} is not a valid topic name') from error
-    return name
 
 
 def _kinds(node: Any, topic: str) -> list[str]:
@@ -111,30 +90,24 @@ def _first(look: Callable[[], Any], deadline: float) -> Any:
 
 def message_of(kind: str, values: list[str], field: str) -> Any:
     """Return the message of a type with some values; ValueError if they do not fit."""
-    if kind == JOINTS:
-        from sensor_msgs.msg import JointState
-
-        names = [name for name, _, _ in (value.rpartition('=') for value in values)]
-        if not all(names) or len(set(names)) < len(names):
-            raise ValueError(f'a JointState needs JOINT=NUMBER, each once, got {listed(values)}')
-        return JointState(name=names, **{field: _numbers(v.rpartition('=')[2] for v in values)})
+    from sensor_msgs.msg import JointState
     from std_msgs.msg import Float64, Float64MultiArray
 
-    if kind == ARRAY:
-        return Float64MultiArray(data=_numbers(values))
-    if kind == NUMBER and len(values) == 1:
-        return Float64(data=_numbers(values)[0])
-    raise ValueError(f'cannot make a {kind} of {len(values)} values; see pfd send --help')
-
-
-def _numbers(texts: Any) -> list[float]:
-    found = []
-    for text in texts:
-        try:
-            found.append(float(text))
-        except ValueError as error:
-            raise ValueError(f'a value must be a number, got {cut(text)!r}') from error
-    return found
+    pairs = [value.rpartition('=') for value in values]
+    names = [name for name, _, _ in pairs]
+    if kind == JOINTS and (not all(names) or len(set(names)) < len(names)):
+        raise ValueError(f'a JointState needs JOINT=NUMBER, each once, got {listed(values)}')
+    try:
+        numbers = [float(text) for _, _, text in pairs]
+    except ValueError as error:
+        raise ValueError(f'a value must be a number, got {listed(values)}') from error
+    if kind == JOINTS:
+        return JointState(name=names, **{field: numbers})
+    if kind == ARRAY and not any(names):
+        return Float64MultiArray(data=numbers)
+    if kind == NUMBER and not any(names) and len(numbers) == 1:
+        return Float64(data=numbers[0])
+    raise ValueError(f'cannot make a {kind} of {listed(values)}; see pfd send --help')
 
 
 COMMANDS = {

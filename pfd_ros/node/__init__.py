@@ -23,6 +23,7 @@ Around it:
     process        starts and stops ROS, the node and its threads; exit status
     main           signals; the entry point `sim_node`
     dds_check      one message from a process to another, for `pfd doctor`
+    visitor        a node of another command, such as `pfd send`, and names of topics
 
 Threads: main (reporting), signals, the executor (started by process), stepping and changing
 (started with each arm), recording (recording.recorder), and the middleware's. Only the stepping

@@ -8,8 +8,8 @@ effect (`outputs` with `tip_wrench`), the payload in use and the model.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
 import math
 import os
 from pathlib import Path
@@ -19,21 +19,17 @@ from typing import Any
 from geometry_msgs.msg import InertiaStamped, WrenchStamped
 import numpy as np
 from rcl_interfaces.srv import GetParameters
-import rclpy
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.exceptions import NameValidationException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import try_shutdown
-from rclpy.validate_full_topic_name import validate_full_topic_name
 from rclpy.validate_node_name import validate_node_name
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 import pfd_core as pfd
 from pfd_ros.arm.events import ROLES
+from pfd_ros.node.visitor import resolved, visitor
 from pfd_ros.text import cut, listed, one_line
 from pfd_ros.view.arm import Stage
 from pfd_ros.view.forms import named_model, parsed_urdf
@@ -53,35 +49,14 @@ NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-@contextmanager
-def view_node(arm: str) -> Iterator[Node]:
-    """
-    Make the node of the view in the namespace of an arm, such as `/left/sim_arm`.
-
-    Signals are left to this program. ValueError if the name is invalid or ROS cannot start.
-    """
+def view_node(arm: str) -> AbstractContextManager[Node]:
+    """Make the node of the view in the namespace of an arm, such as `/left/sim_arm`."""
     namespace, _, name = arm.rpartition('/')
-    namespace = f'/{namespace.strip("/")}'
     try:
-        try:
-            validate_node_name(name)
-        except NameValidationException as error:
-            raise ValueError(f'{cut(name)!r} is not a valid node name') from error
-        try:
-            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-            node = rclpy.create_node(
-                'pfd_view',
-                namespace=namespace,
-                start_parameter_services=False,
-                enable_rosout=False,
-            )
-        except NameValidationException as error:
-            raise ValueError(f'{namespace!r} is not a valid node namespace') from error
-        except RCLError as error:
-            raise ValueError(f'ROS: {error}') from error
-        yield node
-    finally:
-        try_shutdown()
+        validate_node_name(name)
+    except NameValidationException as error:
+        raise ValueError(f'{cut(name)!r} is not a valid node name') from error
+    return visitor('pfd_view', f'/{namespace.strip("/")}')
 
 
 class Topics:
@@ -106,14 +81,8 @@ class Topics:
         return self._names[role]
 
     def _resolved(self, topic: str | None) -> str:
-        text = str(topic)
-        own = f'{self.arm}{text[1:]}' if text.startswith('~/') else text or ' '
-        try:
-            name = self.node.resolve_topic_name(own)
-            validate_full_topic_name(name)
-        except (NameValidationException, RCLError) as error:
-            raise ValueError(f'{cut(text)!r} is not a valid topic name') from error
-        return name
+        name = str(topic)
+        return resolved(self.node, f'{self.arm}{name[1:]}' if name.startswith('~/') else name)
 
     def model(self) -> tuple[pfd.Urdf, Path | None]:
         """

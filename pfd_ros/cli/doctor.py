@@ -84,14 +84,11 @@ def extras() -> Iterator[Finding]:
     except metadata.PackageNotFoundError:
         yield Finding('extras', f'unknown: {PACKAGE} runs from its source folder')
         return
-    missing: dict[str, list[str]] = {}
-    for item in requirements:
-        if found := re.match(r'([\w.-]+).*\bextra == .([\w-]+)', item):
-            names = missing.setdefault(found[2], [])
-            try:
-                metadata.version(found[1])
-            except metadata.PackageNotFoundError:
-                names.append(found[1])
+    packages = [re.match(r'([\w.-]+).*\bextra == .([\w-]+)', item) for item in requirements]
+    missing: dict[str, list[str]] = {found[2]: [] for found in packages if found}
+    for found in filter(None, packages):
+        if not any(metadata.distributions(name=found[1])):
+            missing[found[2]].append(found[1])
     for extra, names in missing.items():
         text = 'installed'
         if names and extra == 'ros' and importlib.util.find_spec('rclpy'):
@@ -185,19 +182,19 @@ def speed() -> Iterator[Finding]:
     kernel, sim = pfd.compile_kernel(robot), pfd.Simulator(robot)
     q, qd, tau = np.random.default_rng(1).uniform(-1.0, 1.0, (3, BATCH, robot.n))
     out, still = np.empty((BATCH, robot.n)), np.zeros(robot.n)
-    call = _least(kernel.bind(q[0], qd[0], tau[0], out[0]), 1000)
-    batch = _least(lambda: kernel(q, qd, tau, out=out), 10) / BATCH
-    step = _least(lambda: sim.step(still), 100)
+    calls: tuple[tuple[Callable[[], object], int], ...] = (
+        (kernel.bind(q[0], qd[0], tau[0], out[0]), 1000),
+        (lambda: kernel(q, qd, tau, out=out), 10),
+        (lambda: sim.step(still), 100),
+    )
+    call, batch, step = (
+        min(timeit.repeat(each, number=count, repeat=ROUNDS)) / count for each, count in calls
+    )
     yield Finding(
         'speed',
         f'{ROBOT}, best of {ROUNDS} rounds: one state {1e6 * call:.2f} us, {BATCH} states '
-        f'{1e9 * batch:.0f} ns each, a simulated step {1e6 * step:.2f} us',
+        f'{1e9 * batch / BATCH:.0f} ns each, a simulated step {1e6 * step:.2f} us',
     )
-
-
-def _least(call: Callable[[], object], count: int) -> float:
-    """Return the least mean time of so many calls, s."""
-    return min(timeit.repeat(call, number=count, repeat=ROUNDS)) / count
 
 
 CHECKS = (installation, extras, compiler, cache, clock, dds, speed)

@@ -25,10 +25,11 @@ def visitor(name: str, namespace: str = '/') -> Iterator[Node]:
 
     ValueError if the namespace is invalid or ROS cannot start, such as in an invalid domain.
     """
-    quiet = {'start_parameter_services': False, 'enable_rosout': False}
     try:
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        yield rclpy.create_node(name, namespace=namespace, **quiet)
+        yield rclpy.create_node(
+            name, namespace=namespace, start_parameter_services=False, enable_rosout=False
+        )
     except NameValidationException as error:
         raise ValueError(f'{cut(namespace)!r} is not a valid node namespace') from error
     except RCLError as error:

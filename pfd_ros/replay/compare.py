@@ -9,8 +9,10 @@ value. Simulated clocks have no lag; of others it is estimated from the position
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, fields
+from itertools import product
 import math
 from typing import Any, NamedTuple
 
@@ -20,7 +22,7 @@ from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import CLOCK, JOINT_STATE
 from pfd_ros.recording.arrays import LogArrays
 from pfd_ros.recording.topic_arrays import TopicArrays
-from pfd_ros.replay.lag import Array, Both, estimated_lag, known
+from pfd_ros.replay.lag import Array, estimated_lag, known
 from pfd_ros.text import listed
 
 # Correlation of positions below which an estimated lag means nothing.
@@ -122,16 +124,21 @@ def compare(
         kind = log.topics.get(topic, 'not in the log')
         if kind != JOINT_STATE:
             raise ValueError(f'{log.path}: topic {topic!r} is {kind}, expected {JOINT_STATE}')
-    found = [_Pair.of(topic, other, a[topic], b[other]) for topic, other in pairs]
-    first = max(found, key=lambda pair: np.isfinite(a[pair.topic].position).sum())
+    joints = [x for topic, other in pairs for x in _joints(topic, other, a[topic], b[other])]
+    counts = Counter[str]()
+    for joint in joints:
+        counts[joint.topic] += int(np.isfinite(joint.a['position']).sum())
+    first = [joint for joint in joints if joint.topic == max(counts, key=lambda x: counts[x])]
+    spans = _span([x.time_a for x in first]), _span([x.time_b for x in first])
     shift, correlation = 0.0, None
     if lag is None:
-        shift = _shift(first)
-        simulated = all(log.roles or CLOCK in log.topics.values() for log in (a, b))
-        if simulated:
-            lag = 0.0
-        else:
-            lag, correlation = estimated_lag(first.positions(shift))
+        lag = 0.0
+        if min(span[1] for span in spans) <= max(span[0] for span in spans):
+            shift = spans[1][0] - spans[0][0]
+        if not all(log.roles or CLOCK in log.topics.values() for log in (a, b)):
+            lag, correlation = estimated_lag(
+                [((x.time_a, x.a['position']), (x.time_b - shift, x.b['position'])) for x in first]
+            )
     if correlation is not None and correlation < WEAK:
         raise ValueError(
             f'no clear lag between {a.path} and {b.path}: at {lag:.6g} s the positions have a '
@@ -140,25 +147,25 @@ def compare(
     rows: list[Difference] = []
     curves = {}
     only = _without_partner(a, b, pairs, 0), _without_partner(b, a, pairs, 1)
-    overlap = 0.0
-    for pair in found:
-        for aligned in _aligned(pair, shift + lag):
-            for texts, topic, count in zip(only, pair[:2], aligned.only, strict=True):
+    for (topic, _), item in product(pairs, JOINT_FIELDS):
+        for joint in (joint for joint in joints if joint.topic == topic):
+            (time, left, right), missing = _aligned(joint, item, shift + lag)
+            for texts, name, count in zip(only, joint[:2], missing, strict=True):
                 if count:
-                    texts.append(f'{topic}: {count} values, {aligned.field} of {aligned.joint}')
-            if len(aligned.time):
-                rows.append(_difference(pair.topic, aligned, tolerance))
-                key = pair.topic, aligned.field, aligned.joint
-                curves[key] = aligned.time, aligned.left, aligned.right
-                overlap = max(overlap, float(np.ptp(aligned.time)))
+                    texts.append(f'{name}: {count} values, {item} of {joint.name}')
+            if len(time):
+                key = topic, item, joint.name
+                curves[key] = time, left, right
+                rows.append(_difference(key, *curves[key], tolerance))
     if not rows:
         raise ValueError(
             f'{a.path} and {b.path} have no joint with values at common times: joints are '
-            f'{listed(first.a.names)} and {listed(first.b.names)}, lag {lag:.6g} s'
+            f'{listed(a[pairs[0][0]].names)} and {listed(b[pairs[0][1]].names)}, lag {lag:.6g} s'
         )
-    sides = (first.a, first.time_a), (first.b, first.time_b)
-    edges = abs(lag) + 2 * max(_period(*side) for side in sides)
-    uncovered = max(float(np.ptp(time)) for _, time in sides) - overlap - edges
+    overlap = max(float(np.ptp(time)) for time, _, _ in curves.values())
+    periods = [np.diff(time) for time in first[0][3:5] if len(time) > 1]
+    edges = abs(lag) + 2 * max((float(np.median(period)) for period in periods), default=0.0)
+    uncovered = max(end - begin for begin, end in spans) - overlap - edges
     return Comparison(
         lag,
         correlation,
@@ -213,100 +220,58 @@ def _without_partner(
     return found
 
 
-class _Pair(NamedTuple):
-    """A topic of each log with the times of its messages [s], (N,), on one kind of clock."""
+class _Joint(NamedTuple):
+    """A joint in a topic of both logs: times [s] on one kind of clock, values by field, (k,)."""
 
     topic: str
     other: str
-    a: TopicArrays
-    b: TopicArrays
+    name: str
     time_a: Array
     time_b: Array
-
-    @classmethod
-    def of(cls, topic: str, other: str, a: TopicArrays, b: TopicArrays) -> _Pair:
-        """Return a pair by stamps where both have them, in order for each joint."""
-        times = a.time, b.time
-        if not all(map(_increases, (a, b), times)):
-            times = a.simulated_time, b.simulated_time
-        return cls(topic, other, a, b, *times)
-
-    def common(self) -> list[str]:
-        """Return the joints of both."""
-        return [name for name in self.a.names if name in self.b.names]
-
-    def positions(self, shift: float) -> list[Both]:
-        """Return times and positions of each joint of both, those of b earlier by `shift`."""
-        return [
-            (
-                _values(self.a, self.time_a, 'position', joint),
-                _values(self.b, self.time_b - shift, 'position', joint),
-            )
-            for joint in self.common()
-        ]
+    a: dict[str, Array]
+    b: dict[str, Array]
 
 
-def _increases(states: TopicArrays, time: Array) -> bool:
-    """Return whether the times of each joint do not decrease."""
-    return all((np.diff(time[states.rows(joint)]) >= 0).all() for joint in states.names)
+def _joints(topic: str, other: str, a: TopicArrays, b: TopicArrays) -> Iterator[_Joint]:
+    """Yield the joints of both topics; their times are stamps, unless these decrease."""
+    for name in (name for name in a.names if name in b.names):
+        sides = [(states, states.rows(name), states.names.index(name)) for states in (a, b)]
+        times = [states.time[rows] for states, rows, _ in sides]
+        if any((np.diff(time) < 0).any() for time in times):
+            times = [states.simulated_time[rows] for states, rows, _ in sides]
+        values = [{x: states[x][rows, k] for x in JOINT_FIELDS} for states, rows, k in sides]
+        yield _Joint(topic, other, name, *times, *values)  # type: ignore[arg-type]
 
 
-def _period(states: TopicArrays, time: Array) -> float:
-    """Return the median interval of the messages of the first joint [s]."""
-    intervals = np.diff(time[states.rows(states.names[0])]) if states.names else time[:0]
-    return float(np.median(intervals)) if len(intervals) else 0.0
-
-
-def _values(states: TopicArrays, time: Array, item: str, joint: str) -> tuple[Array, Array]:
-    """Return the times and values of a joint in the messages that name it, (k,)."""
-    rows = states.rows(joint)
-    return time[rows], states[item][rows, states.names.index(joint)]
-
-
-def _shift(pair: _Pair) -> float:
-    """Return the difference of the starts, or 0 where the times of both logs overlap."""
-    if not len(pair.time_a) or not len(pair.time_b):
-        return 0.0
-    (begin_a, begin_b), (end_a, end_b) = (
-        (float(edge(pair.time_a)), float(edge(pair.time_b))) for edge in (np.min, np.max)
+def _span(times: Sequence[Array]) -> tuple[float, float]:
+    known = [time for time in times if len(time)]
+    return (
+        min((float(np.min(time)) for time in known), default=0.0),
+        max((float(np.max(time)) for time in known), default=0.0),
     )
-    return 0.0 if min(end_a, end_b) > max(begin_a, begin_b) else begin_b - begin_a
 
 
-class _Aligned(NamedTuple):
-    """Values of both logs, (N,), at the times of either, and how many only one of them has."""
-
-    field: str
-    joint: str
-    time: Array
-    left: Array
-    right: Array
-    only: tuple[int, int]
+Series = tuple[Array, Array, Array]
 
 
-def _aligned(pair: _Pair, offset: float) -> Iterator[_Aligned]:
-    """Yield each field of each joint, at the times of a and of b where both have values."""
-    for item in JOINT_FIELDS:
-        for joint in pair.common():
-            own, one = _values(pair.a, pair.time_a, item, joint)
-            others, two = _values(pair.b, pair.time_b - offset, item, joint)
-            known, seen = np.isfinite(one), np.isfinite(two)
-            if len(own) == len(others) and np.array_equal(own, others):
-                both = known & seen
-                only = int((known & ~seen).sum()), int((seen & ~known).sum())
-                found = own[both], one[both], two[both]
-            elif not known.any() or not seen.any():
-                found, only = (own[:0],) * 3, (int(known.sum()), int(seen.sum()))
-            else:
-                found, only = _interpolated(own, one, others, two)
-            if len(found[0]) or any(only):
-                yield _Aligned(item, joint, *found, only)
+def _aligned(joint: _Joint, item: str, offset: float) -> tuple[Series, tuple[int, int]]:
+    """Return times, values of a and of b, and how many values only one of them has."""
+    own, one, others, two = joint.time_a, joint.a[item], joint.time_b - offset, joint.b[item]
+    finite, seen = np.isfinite(one), np.isfinite(two)
+    if len(own) == len(others) and np.array_equal(own, others):
+        both = finite & seen
+        return (own[both], one[both], two[both]), (
+            int((finite & ~seen).sum()),
+            int((seen & ~finite).sum()),
+        )
+    if not finite.any() or not seen.any():
+        return (own[:0],) * 3, (int(finite.sum()), int(seen.sum()))
+    return _interpolated(own, one, others, two)
 
 
 def _interpolated(
     own: Array, one: Array, others: Array, two: Array
-) -> tuple[tuple[Array, Array, Array], tuple[int, int]]:
-    """Return times, values of a and of b, and how many only one of them has."""
+) -> tuple[Series, tuple[int, int]]:
     begin, end = max(own[0], others[0]), min(own[-1], others[-1])
     # A value of one log next to a lost one of the other has no partner.
     lost, missed = (
@@ -324,19 +289,18 @@ def _interpolated(
     return (time[common], left[common], right[common]), (len(missed), len(lost))
 
 
-def _difference(topic: str, aligned: _Aligned, tolerance: float) -> Difference:
-    difference = aligned.left - aligned.right
-    sizes = np.abs(difference)
+def _difference(
+    key: tuple[str, str, str], time: Array, left: Array, right: Array, tolerance: float
+) -> Difference:
+    sizes = np.abs(left - right)
     worst = int(np.argmax(sizes))
     beyond = np.flatnonzero(sizes > tolerance)
     return Difference(
-        topic,
-        aligned.field,
-        aligned.joint,
-        rms=math.sqrt(float(np.mean(difference**2))),
+        *key,
+        rms=math.sqrt(float(np.mean(sizes**2))),
         largest=float(sizes[worst]),
-        largest_at=float(aligned.time[worst]),
-        first_at=float(aligned.time[beyond[0]]) if len(beyond) else None,
+        largest_at=float(time[worst]),
+        first_at=float(time[beyond[0]]) if len(beyond) else None,
     )
 
 

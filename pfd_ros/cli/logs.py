@@ -116,10 +116,11 @@ def _conflict(given: argparse.Namespace) -> str:
 
 
 def _verify(given: argparse.Namespace) -> int:
+    from pfd_ros.arm.events import OUTPUTS
     from pfd_ros.replay.verify import verify
 
     found = verify(given.log)
-    counts = ', '.join(f'{count} {role}' for role, count in sorted(found.compared.items()))
+    counts = ', '.join(f'{found.compared[r]} {r}' for r in OUTPUTS if found.compared[r])
     equal = f'every bit equal in {found.cycles} cycles ({counts})'
     if found.complete:
         print_lines([f'verified: {given.log}: {equal}'])

@@ -136,8 +136,11 @@ def _run(words: list[str], stop: Stop | None) -> int:
         raise
     except (ValueError, OSError) as error:
         _close_output()
+        text = str(error)
+        if isinstance(error, OSError) and error.filename is not None and error.strerror:
+            text = f'{error.filename}: {error.strerror}'
         if sys.stderr is not None:
-            print(one_line(f'pfd {given.command}: {error}'), file=sys.stderr)
+            print(one_line(f'pfd {given.command}: {text}'), file=sys.stderr)
         return 1
     return status
 

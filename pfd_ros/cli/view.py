@@ -64,6 +64,9 @@ def _run(given: argparse.Namespace) -> int:
     unused = [f'--{name.replace("_", "-")}' for name in others if getattr(given, name)]
     if unused:
         raise ValueError(f'the view of {kind} takes no {listed(unused)}')
+    for folder in given.package_path or ():
+        if not folder.is_dir():
+            raise ValueError(f'--package-path must be a folder, got {str(folder)!r}')
     check_page(0 if given.export else given.port)
     with ended_by_signals():
         if given.log:

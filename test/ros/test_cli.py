@@ -107,7 +107,7 @@ LOGS: dict[str, tuple[int, str, str]] = {
     'info damaged.mcap': (1, '', '^pfd info: .*damaged.mcap'),
     'info text.mcap': (1, '', '^pfd info: .*text.mcap'),
     'info empty.mcap': (1, '', '^pfd info: .*empty.mcap'),
-    'info none.mcap': (1, '', r'^pfd info: .*none\.mcap'),
+    'info none.mcap': (1, '', r'^pfd info: none\.mcap: No such file or directory$'),
     'replay whole.mcap': (0, r'cycles +60 of 0\.001 s(?s:.*)rejected +1 commands wrong_size', ''),
     'replay cut.mcap': (0, 'cut off', ''),
     'replay first.mcap': (1, '', 'first edition of pfd_ros'),
@@ -154,6 +154,8 @@ LOGS: dict[str, tuple[int, str, str]] = {
         '',
     ),
     'view whole.mcap --export a.html --rename shoulder=a elbow=b': (1, '', r"\['a', 'b'\]"),
+    'view whole.mcap --export a.html --package-path no': (1, '', r"must be a folder, got 'no'"),
+    'view whole.mcap --export no/a.html': (1, '', r'^pfd view: no/a\.html: No such file'),
     'view whole.mcap --node /sim_arm': (1, '', r"takes no \['--node'\]"),
 }
 

@@ -112,9 +112,12 @@ class Stepper:
     def _wait(self, stopped: Callable[[], bool]) -> None:
         """Take inputs until one lets the arm go on; in lockstep, send its state again."""
         engine, sent = self.engine, time.monotonic()
+        cycle, settings = engine.state.cycle, engine.state.settings
         while engine.waiting and not stopped():
             # Without a period, the answer is followed by its step at once.
             self._take(self._inbox.take(LONGEST_SLEEP), run=not self._period)
+            if engine.state.cycle != cycle or engine.state.settings is not settings:
+                break
             if engine.state.waits and time.monotonic() - sent > RESEND_SECONDS:
                 sent = time.monotonic()
                 self.resent += 1

@@ -40,6 +40,15 @@ def trigger(peer: Peer, name: str) -> Any:
     return call(peer, Trigger, name)
 
 
+def set_number(peer: Peer, name: str, number: float) -> bool:
+    from rcl_interfaces.msg import Parameter, ParameterValue
+    from rcl_interfaces.srv import SetParameters
+
+    chosen = [Parameter(name=name, value=ParameterValue(type=3, double_value=number))]
+    (result,) = call(peer, SetParameters, 'set_parameters', parameters=chosen).results
+    return bool(result.successful)
+
+
 def stamps(messages: Sequence[Any]) -> list[int]:
     return [stamp_ns(message) for message in messages]
 
@@ -131,9 +140,6 @@ def test_a_request_for_many_steps_is_done_to_its_end_and_services_answer_meanwhi
     processes: Processes, peer_of
 ) -> None:
     # A step lasts ten seconds of wall time, until another factor counts at once.
-    from rcl_interfaces.msg import Parameter, ParameterValue
-    from rcl_interfaces.srv import SetParameters
-
     slow = ('step_size:=0.1', 'real_time_factor:=0.01', 'start_time:=5.0', 'step_count:=1234')
     arm = processes.arm(*ARM, *(part for one in slow for part in ('-p', one)))
     peer = peer_of(processes)
@@ -142,10 +148,7 @@ def test_a_request_for_many_steps_is_done_to_its_end_and_services_answer_meanwhi
         assert pause(peer, True).message == 'accepted: pause; simulated time 5.0 s'
         assert pause(peer, False).success
     assert pause(peer, True).success
-    value = ParameterValue(type=3, double_value=0.0)
-    chosen = [Parameter(name='real_time_factor', value=value)]
-    (result,) = call(peer, SetParameters, 'set_parameters', parameters=chosen).results
-    assert result.successful
+    assert set_number(peer, 'real_time_factor', 0.0)
     assert trigger(peer, 'step').success
     last = 5 * SECOND + 1234 * 100 * MILLISECOND
     peer.wait(lambda: peer.states and stamp_ns(peer.states[-1]) == last)
@@ -210,6 +213,25 @@ def test_a_lockstep_run_has_the_same_bits_each_time(processes: Processes, peer_o
         runs.append([m.data for m in recorded(path, 'joint_states')][:200])
     assert len(runs[0]) == 200
     assert runs[0] == runs[1]
+
+
+def test_another_real_time_factor_counts_at_once_in_lockstep(
+    processes: Processes, peer_of
+) -> None:
+    arm = processes.arm(*ARM, *START, *LOCKSTEP)
+    peer = peer_of(processes)
+    peer.connect()
+    processes.python(ANSWERING).wait_for_text('answers')
+    peer.wait(lambda: any(peer.states[-1].velocity))
+    assert set_number(peer, 'real_time_factor', 1e-3)
+    settled(peer)
+    # A step lasts a second now.
+    before = stamp_ns(peer.states[-1])
+    peer.let_pass(1)
+    assert stamp_ns(peer.states[-1]) in (before, before + MILLISECOND)
+    assert set_number(peer, 'real_time_factor', 0.0)
+    peer.wait(lambda: stamp_ns(peer.states[-1]) > before + 200 * MILLISECOND)
+    arm.stop()
 
 
 def test_commands_with_stamps_of_another_clock_are_rejected_with_the_remedy(

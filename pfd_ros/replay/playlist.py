@@ -131,9 +131,10 @@ def playlist(path: Path, options: PlayOptions, stopped: Callable[[], bool]) -> P
     times = {name: times[name] for name in topics if name in times}
     if not times:
         raise ValueError(f'{path} has no messages of the topics to publish')
-    timed = [found for name, found in times.items() if not topics[name].qos.transient_local]
-    ordered = np.sort(np.concatenate([np.array(x, np.int64) for x in timed or times.values()]))
-    window = _window(path, options, int(ordered[0]), max(map(max, times.values())))
+    timed = [min(x) for name, x in times.items() if not topics[name].qos.transient_local]
+    ordered = np.sort(np.concatenate([np.array(x, np.int64) for x in times.values()]))
+    ordered = ordered[ordered >= min(timed, default=0)]
+    window = _window(path, options, int(ordered[0]), int(ordered[-1]))
     length, count = (ordered[-1] - ordered[0]) / NANOSECONDS, sum(map(len, times.values()))
     lines.insert(0, f'{path}: {length:.3f} s, {count} messages of {len(topics)} topics')
     if not bag.complete:

@@ -170,6 +170,8 @@ def test_a_flood_of_commands_drops_the_oldest_and_counts_them(
     assert taken == [1] * MOST_WAITING_INPUTS
 
 
+@pytest.mark.slow
+@pytest.mark.long
 def test_a_long_run_at_unlimited_speed_waits_for_its_recording(processes: Processes) -> None:
     arm = processes.arm('-p', 'recording:=arm.mcap', '-p', 'real_time_factor:=0.0')
     path = processes.folder / 'arm.mcap'

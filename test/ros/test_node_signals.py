@@ -124,6 +124,7 @@ def test_a_hang_after_the_recording_is_closed_is_ended_by_an_alarm(
 
 @pytest.mark.ros
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_node_ends_under_repeated_signals_at_any_moment_of_its_life(
     processes: Processes,
 ) -> None:

@@ -240,6 +240,7 @@ def test_one_joint_of_an_arm_that_has_run_away_is_not_set_and_the_node_continues
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_stopped_reliable_reader_stops_neither_the_arm_nor_its_states(
     processes: Processes, peer_of
 ) -> None:

@@ -63,6 +63,7 @@ FIXED: Mapping[str, Any] = {
     'autostart': True,
     'time_source': 'own',
 }
+LIMITS = ('position_lower', 'position_upper', 'velocity_limit', 'effort_limit')
 # Share of a control period by which a time may miss the end of the last one.
 SLACK = 1e-6
 # Inputs that are kept to run again after a failure, in parts: 400 000, some hundred bytes each.
@@ -128,14 +129,14 @@ class LockstepArm:
         self.start: State | None = None
 
     def _new_engine(self, roles: Collection[str]) -> Engine:
-        """Return an engine at the start of a run; open the recording, if there is to be one."""
-        path = self.settings.recording
-        if not path:
-            return Engine(self.settings, self.robot, roles)
-        frames = self._described.recorded_frames(self.settings, warnings.warn)
-        engine = Engine(self.settings, self.robot, ALL, frames)
+        """Return an engine at the start of the run; open the recording, if there is to be one."""
+        settings = self._described.settings
+        if not settings.recording:
+            return Engine(settings, self.robot, roles)
+        frames = self._described.recorded_frames(settings, warnings.warn)
+        engine = Engine(settings, self.robot, ALL, frames)
         recorded = (ALL - ASIDES) | (frames.roles if frames is not None else set())
-        self._log = Recorder(path, engine, topic_names(recorded), lambda line: None)
+        self._log = Recorder(settings.recording, engine, topic_names(recorded), lambda line: None)
         if frames is not None:
             self._log.put(frames.opening(engine.stamp_ns), engine.stamp_ns)
         return engine
@@ -200,11 +201,10 @@ class LockstepArm:
         ------
         ControllerError
             If the controller raises, blocks, or returns anything but a finite effort for each
-            joint. The arm keeps the state passed to the controller.
+            joint. The arm then keeps the state passed to the controller, but for efforts that are
+            not finite, which it has rejected.
         ArmError
             If the state does not stay finite.
-        ValueError
-            If `seconds` is not above zero and finite.
         """
         with CallbackLink(controller, self.names, patience) as link:
             return self._run(link, seconds)
@@ -273,17 +273,11 @@ class LockstepArm:
         run(self.engine, self.step, link, rows, allowed)
         braked = self.engine.state.acting[BRAKE][self._order] > 0.0
         moved = rows.states[1:, 2].any(axis=0)
-        robot, order = self.robot, self._order
-        limits = (
-            robot.position_lower,
-            robot.position_upper,
-            robot.velocity_limit,
-            robot.effort_limit,
-        )
+        limits = [getattr(self.robot, name)[self._order] for name in LIMITS]
         return rows.trajectory(
             names=self.names,
-            limits=Limits(*(limit[order] for limit in limits)),
-            robot=robot,
+            limits=Limits(*limits),
+            robot=self.robot,
             commanded=(moved | ~braked).tolist(),
             notes=link.notes,
         )

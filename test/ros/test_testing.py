@@ -495,8 +495,11 @@ def test_a_node_moves_the_arm_with_the_bits_of_the_callback(
         for seconds in (0.2, 0.1):
             motion = arm.spin(seconds, node)
             assert_same_bits(motion, called.run(pd, seconds))
-        # A run over topics and one of a callback may follow one another.
+        # A run over topics and one of a callback may follow one another, in either order.
         assert_same_bits(arm.run(pd, 0.1), called.run(pd, 0.1))
+        called.set(noise_position=1e-3)
+        arm.set(noise_position=1e-3)
+        assert_same_bits(called.spin(0.1, node), arm.run(pd, 0.1))
     assert np.isfinite(motion.compute_time).all()
     assert motion.notes == []
 

@@ -175,13 +175,41 @@ def test_a_timer_of_this_process_that_does_not_follow_the_clock_is_noted(
     assert found.replace("'", '.').startswith(note)
 
 
-@pytest.mark.parametrize('kind', ['wall', 'threads'])
+@pytest.mark.parametrize(
+    ('kinds', 'text'),
+    [
+        (['wall'], 'a command came after its node had said that it was done'),
+        (['threads'], 'a command came after its node had said that it was done'),
+        (['both'], 'commands follow states as well as ticks'),
+        (['states', 'stamps'], 'several nodes commanded at once: their order is chance'),
+    ],
+    ids=lambda value: ' '.join(value) if isinstance(value, list) else '',
+)
 @pytest.mark.slow
-def test_a_process_that_is_not_repeatable_is_noted_by_its_late_commands(
-    kind: str, spin: Callable[..., Trajectory]
+def test_what_is_not_repeatable_in_other_processes_is_noted(
+    kinds: list[str], text: str, spin: Callable[..., Trajectory]
 ) -> None:
-    notes = spin([], [kind], 0.1).notes
-    assert any('it has several threads or a timer on wall time' in note for note in notes)
+    notes = spin([], kinds, 0.1).notes
+    assert any(note.startswith(f'not repeatable: {text}') for note in notes)
+
+
+def test_a_node_that_joins_the_topics_of_the_arm_is_noted(domain: int) -> None:
+    from rclpy.node import Node
+    from sensor_msgs.msg import JointState
+
+    node, others = node_of('states'), []
+
+    def join(state: JointState) -> None:
+        if not others:
+            others.append(Node('late'))
+            others[0].create_subscription(JointState, 'joint_states', print, 1)
+
+    node.create_subscription(JointState, 'joint_states', join, 1)
+    with LockstepArm(**UR5) as arm:
+        (note,) = arm.spin(0.5, node).notes
+    for each in (node, *others):
+        each.destroy_node()
+    assert note.startswith('not repeatable: a node joined or left the topics of the arm, at t = ')
 
 
 def test_a_period_of_the_controller_is_a_check_of_its_commands(

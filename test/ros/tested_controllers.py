@@ -73,7 +73,7 @@ def faulty(fault: str = '') -> Callable[[np.ndarray], Any]:
 TIMERS = {
     **dict.fromkeys(('states', 'states_on_clock', 'front', 'lazy', 'stamps'), ()),
     **dict.fromkeys(('timer', 'wall', 'steady', 'threads'), (2,)),
-    **dict.fromkeys(('filter', 'reads', 'flag', 'back', 'cpp'), (5,)),
+    **dict.fromkeys(('filter', 'reads', 'flag', 'both', 'back', 'cpp'), (5,)),
     'two': (2, 10),
     'uneven': (3,),
 }
@@ -92,7 +92,7 @@ def node_of(kind: str, fault: str = '') -> Any:
 
     class Controller(Node):
         def __init__(self) -> None:
-            name = kind if kind in ('front', 'back') else 'pd'
+            name = kind if kind in ('front', 'back', 'stamps') else 'pd'
             sim_time = Parameter('use_sim_time', value=kind not in OWN_TIME)
             super().__init__(name, parameter_overrides=[sim_time])
             self.passed, self.last, self.late, self.count = faulty(fault), None, 0, 0
@@ -132,7 +132,7 @@ def node_of(kind: str, fault: str = '') -> Any:
             if kind == 'reads':
                 # The tick of this state comes after it: the clock is at the state before.
                 self.slow *= 1.0 + 1e-9 * self.get_clock().now().nanoseconds % 0.01
-            if kind in ('states', 'states_on_clock'):
+            if kind in ('states', 'states_on_clock', 'both'):
                 self.send(pd(q, self.slow))
             if kind == 'front':
                 self.send(self.slow)

@@ -23,7 +23,6 @@ from rcl_interfaces.msg import Parameter, ParameterEvent, ParameterType, Paramet
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.clock_type import ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rclpy.executors import SingleThreadedExecutor, TimeoutException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter as NodeParameter
@@ -131,21 +130,8 @@ class _Peer:
         return self.pending[0]
 
 
-class _Timers(SingleThreadedExecutor):
-    """Runs timers of nodes whose other callbacks a faster executor runs."""
-
-    def __init__(self, others: Any) -> None:
-        self._others = others
-        super().__init__()
-
-    def wake(self) -> None:
-        """Take in new callbacks."""
-        super().wake()
-        self._others.wake()
-
-
 class _WithoutTimers:
-    """A node as the faster executor sees it: that one runs timers in an order by chance."""
+    """A node as the executor sees it, which would run timers in an order by chance."""
 
     timers = ()
 
@@ -158,6 +144,22 @@ class _WithoutTimers:
     @property
     def subscriptions(self) -> list[Any]:
         return [one for one in self._node.subscriptions if one not in self._polled]
+
+
+class _Executor:
+    """The executor as a node of the test sees it: it runs all but the timers."""
+
+    def __init__(self, events: Any) -> None:
+        self._events = events
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._events, name)
+
+    def add_node(self, node: Node) -> None:
+        self._events.add_node(_WithoutTimers(node))
+
+    def remove_node(self, node: Node) -> None:
+        """Leave the node in: the executor ends with the link."""
 
 
 class NodeLink:
@@ -228,10 +230,9 @@ class NodeLink:
         # What rclpy.experimental has around it enables faulthandler, which needs a real stderr.
         self._events = rclpy_implementation.EventsExecutor(get_default_context())
         self._events.add_node(_WithoutTimers(self._node, list(self._commands.values())))
-        self._executor = _Timers(self._events)
+        self._executor = _Executor(self._events)  # nodes have weak references to it
         for node in self._nodes:
-            self._executor.add_node(node)
-            self._events.add_node(_WithoutTimers(node))
+            node.executor = self._executor
         self._peers: dict[str, _Peer] = {}
         self._timers: list[Any] = []
         # Commands that came: role, bytes, time of publication [ns].
@@ -260,7 +261,7 @@ class NodeLink:
         return self._node.create_subscription(
             message_class(ROLES[role].type),
             topic_of(self._node, ROLES[role].topic, theirs),
-            lambda data: None,  # taken by _collect
+            lambda data: None,  # taken by _drain
             qos,
             raw=True,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
@@ -275,7 +276,6 @@ class NodeLink:
         self._watch.__exit__()
         for node in self._nodes:
             node.executor = None
-        self._executor.shutdown()
         self._events.shutdown()
         self._node.destroy_node()
 
@@ -525,14 +525,18 @@ class NodeLink:
             if timers != self._timers:
                 self._timers = timers
                 self._check_timers()
-            if not any(timer.is_ready() for timer in timers):
+            due = [timer for timer in timers if timer.is_ready()]
+            if not due:
                 break
-            self._run_timers()
+            # In the order in which they were made.
+            for timer in due:
+                timer.handle.call_timer()
+                self._events.create_task(timer.callback)
             if perf_counter() > deadline:
-                raise NoAnswerError(
-                    f'timers are due without end {self._where()}: {self._patience:g} s'
-                )
-        self._collect()
+                raise NoAnswerError(f'timers are due without end {self._where()}')
+        for role, end in self._commands.items():
+            while (taken := end.handle.take_message(end.msg_type, True)) is not None:
+                self._came.append((role, taken[0], taken[1]['source_timestamp']))
 
     def _spin(self, future: Future, seconds: float) -> None:
         """Run callbacks until a future is done, for so long at most."""
@@ -544,34 +548,10 @@ class NodeLink:
         except BlockedError:
             pass
         except Exception as error:
-            raise self._raised(error) from error
+            text = one_line(f'{type(error).__name__}: {error}')
+            raise ControllerError(f'a node raised {self._where()}: {text}') from error
         if watch.stack:
             raise blocked(watch, self._patience, self._time, self._answers)
-
-    def _run_timers(self) -> None:
-        """Run the timers that are due, in the order in which they were made."""
-        count = sum(timer.is_ready() for timer in self._timers)
-        for _ in range(count):
-            try:
-                task, _, _ = self._executor.wait_for_ready_callbacks(0.0)
-            except TimeoutException:
-                return
-            self._watch.since = perf_counter()
-            try:
-                task()
-                self._watch.since = 0.0
-            except BlockedError:
-                pass
-            if self._watch.stack:
-                raise blocked(self._watch, self._patience, self._time, self._answers)
-            error = task.exception() if task.done() else None
-            if error is not None:
-                raise self._raised(error) from error
-
-    def _collect(self) -> None:
-        for role, end in self._commands.items():
-            while (taken := end.handle.take_message(end.msg_type, True)) is not None:
-                self._came.append((role, taken[0], taken[1]['source_timestamp']))
 
     def _check_timers(self) -> None:
         """Note timers of nodes of this process that do not follow the clock of the arm."""
@@ -597,10 +577,6 @@ class NodeLink:
 
     def _where(self) -> str:
         return f'at t = {self._time:.6g} s, after {self._answers} answers'
-
-    def _raised(self, error: BaseException) -> ControllerError:
-        text = one_line(f'{type(error).__name__}: {error}')
-        return ControllerError(f'a node raised {self._where()}: {text}')
 
     def _check_processes(self) -> None:
         """Raise NoAnswerError if a process has ended."""

@@ -337,7 +337,6 @@ NAMES = {
     # pfd_ros.view: the arm in 3D
     'LinkPoses': 'pfd_ros.view.arm:LinkPoses',
     'Stage': 'pfd_ros.view.arm:Stage',
-    'load_colour': 'pfd_ros.view.arm:load_colour',
     'draw': 'pfd_ros.view.forms:draw',
     'LiveShown': 'pfd_ros.view.live:Shown',
     'ViewPayload': 'pfd_ros.view.loads:Payload',

@@ -278,13 +278,12 @@ class Stage:
         # Without a range: unlimited, or both ends equal.
         at_limit &= np.isfinite(margin) & (margin > 0)
         return [
-            AT_LIMIT if stuck else load_colour(part)
+            AT_LIMIT if stuck else _load_colour(part)
             for part, stuck in zip(parts.tolist(), at_limit.tolist(), strict=True)
         ]
 
 
-def load_colour(part: float) -> Colour:
-    """Return the colour of a torque that is a part of its limit, 0 to 1; grey for NaN."""
+def _load_colour(part: float) -> Colour:
     if np.isnan(part):
         return UNKNOWN
     level = round(min(max(part, 0.0), 1.0) * (LEVELS - 1)) / (LEVELS - 1)

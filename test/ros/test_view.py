@@ -36,7 +36,6 @@ from bridge import (
     draw,
     export_view,
     frame_times,
-    load_colour,
     pfd_commands_of,
     pfd_main,
     pfd_parser,
@@ -417,6 +416,7 @@ def pendulum(server: Any, text: str = '', largest: float = 0.0) -> Stage:
         (0.0, 0.0, NONE),
         (0.0, -10.0, FULL),
         (0.0, 70.0, FULL),
+        (0.0, 5.0, (168, 198, 90)),
         (0.0, np.nan, GREY),
         (-3.0, 0.0, VIOLET),
         (3.1, 5.0, VIOLET),
@@ -437,12 +437,6 @@ def test_without_an_effort_limit_the_scale_ends_at_the_largest_torque(
     free = urdf().replace('effort="10"', 'effort="0"').replace('"revolute"', '"continuous"')
     pendulum(empty, free, largest).show([99.0], [-4.0])
     assert tuple(Nodes(empty)['/joints/0/ring'].color) == colour
-
-
-def test_colours_between_none_and_the_limit_differ() -> None:
-    found = [load_colour(part) for part in (0.0, 0.3, 0.6, 1.0)]
-    assert len(set(found)) == 4
-    assert (found[0], found[-1]) == (NONE, FULL)
 
 
 WRENCHES = {

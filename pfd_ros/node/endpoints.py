@@ -93,14 +93,3 @@ def create_endpoints(
         if other != role:
             raise ValueError(f'{other} and {role} have one topic, {end.topic_name}')
     return Endpoints(publishers, subscriptions)
-
-
-def type_name(end: Any) -> str:
-    """Return the type of a publisher or subscription as ROS writes it: 'package/msg/Name'."""
-    package, folder, _ = end.msg_type.__module__.split('.', 2)
-    return f'{package}/{folder}/{end.msg_type.__name__}'
-
-
-def reliability_parameter(end: Any) -> str:
-    """Return the parameter that overrides the reliability of a subscription."""
-    return f'qos_overrides.{end.topic_name}.subscription.reliability'

@@ -23,9 +23,9 @@ from rclpy.qos import (
     qos_check_compatible,
 )
 
-from pfd_ros.arm.events import ARRAY, CLOCK, COMMANDS, NAMED, STATES
+from pfd_ros.arm.events import ARRAY, CLOCK, COMMANDS, NAMED, ROLES, STATES
 from pfd_ros.messages.topics import UNKNOWN_NODE, node_of
-from pfd_ros.node.endpoints import Endpoints, reliability_parameter, type_name
+from pfd_ros.node.endpoints import Endpoints
 from pfd_ros.node.report import Report
 from pfd_ros.text import cut, listed
 
@@ -66,14 +66,14 @@ class GraphCheck:
         for role, end in self._endpoints.subscriptions.items():
             found = list(self._settled(self._node.get_publishers_info_by_topic(end.topic_name)))
             self.publishers[role] = sorted({node_of(info) for info in found})
-            fitting = [node_of(info) for info in found if self._fits(end, info, publishing=True)]
+            fitting = [node_of(info) for info in found if self._fits(role, info)]
             if role in COMMANDS:
                 self._commanded |= bool(fitting)
                 self._check_commanders(end, sorted(set(fitting)))
         self._check_commanded()
-        states = self._endpoints.publishers[STATES]
-        for info in self._settled(self._node.get_subscriptions_info_by_topic(states.topic_name)):
-            self._fits(states, info, publishing=False)
+        topic = self._endpoints.topic(STATES)
+        for info in self._settled(self._node.get_subscriptions_info_by_topic(topic)):
+            self._fits(STATES, info)
         for role, trouble in SECOND_PUBLISHER.items():
             if role in self._endpoints.publishers:
                 self._check_alone(self._endpoints.publishers[role], trouble)
@@ -101,25 +101,27 @@ class GraphCheck:
         # A message proves that there was a publisher, though it may have left.
         self._commanded |= any(key[0] in COMMANDS for key in self._report.counts())
         if not self._commanded and time.monotonic() - self._since > PATIENCE_SECONDS:
-            ends = [self._endpoints.subscriptions[role] for role in (NAMED, ARRAY)]
-            topics = ' or '.join(f'{end.topic_name} ({type_name(end)})' for end in ends)
+            topics = ' or '.join(
+                f'{self._endpoints.topic(role)} ({ROLES[role].type})' for role in (NAMED, ARRAY)
+            )
             self._report.once(
                 'nobody',
                 f'no publisher of commands on {topics} for {PATIENCE_SECONDS:g} s: '
                 'check topic names, remappings and ROS_DOMAIN_ID of the controller',
             )
 
-    def _fits(self, end: Any, info: Any, *, publishing: bool) -> bool:
+    def _fits(self, role: str, info: Any) -> bool:
         """Return whether an endpoint of another node matches ours; count and log it if not."""
-        key, wanted = tuple(info.endpoint_gid), type_name(end)
+        inputs, publishing = self._endpoints.subscriptions, role in self._endpoints.subscriptions
+        end = inputs[role] if publishing else self._endpoints.publishers[role]
+        key, wanted, topic = tuple(info.endpoint_gid), ROLES[role].type, end.topic_name
         does = f'node {cut(node_of(info))!r} {"publishes" if publishing else "subscribes to"}'
         if info.topic_type != wanted:
-            ends = self._endpoints.subscriptions.values() if publishing else ()
-            others = [one.topic_name for one in ends if type_name(one) == info.topic_type]
-            hint = f'; use {others[0]} for this type' if others else ''
+            others = [other for other in inputs if ROLES[other].type == info.topic_type]
+            hint = f'; use {self._endpoints.topic(others[0])} for this type' if others else ''
             text = (
-                f'{does} {cut(info.topic_type)!r} on {end.topic_name}, which has the type '
-                f'{wanted}: no messages received{hint}'
+                f'{does} {cut(info.topic_type)!r} on {topic}, which has the type {wanted}: no '
+                f'messages received{hint if publishing else ""}'
             )
         else:
             own, theirs = _effective(end.qos_profile), info.qos_profile
@@ -128,8 +130,8 @@ class GraphCheck:
             if int(level) != QoSCompatibility.ERROR:
                 return True
             text = (
-                f'{does} {end.topic_name} with incompatible QoS ({reason.strip()}): '
-                f'no messages received; {_cure(end, info, publishing)}'
+                f'{does} {topic} with incompatible QoS ({reason.strip()}): no messages received; '
+                f'{_cure(end, info, publishing)}'
             )
         self.mismatched += 1
         self._report.once(('mismatch', key), text)
@@ -163,7 +165,8 @@ def _cure(end: Any, info: Any, publishing: bool) -> str:
     if not publishing:
         return 'subscribe reliable or best effort, volatile, without deadline and liveliness'
     if info.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT:
-        return f'publish reliable, or set {reliability_parameter(end)}:=best_effort'
+        name = f'qos_overrides.{end.topic_name}.subscription.reliability'
+        return f'publish reliable, or set {name}:=best_effort'
     latched = end.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
     durability = 'transient local' if latched else 'volatile'
     return f'publish reliable and {durability}, without deadline and liveliness'

@@ -112,7 +112,10 @@ def declare_joints(node: Node, settings: Settings, robot: pfd.Robot) -> Settings
     fixed = bool(node.get_parameter('autostart').value)
     order = joint_order(settings.joints, robot)
     for row in PER_JOINT:
-        _undeclare_group(node, row.name)
+        for joint in node.get_parameters_by_prefix(row.name):
+            # Of the previous arm, which may have been another robot.
+            if not node.describe_parameter(f'{row.name}.{joint}').read_only:
+                node.undeclare_parameter(f'{row.name}.{joint}')
         defaults = joint_values(row, settings, robot, order)
         names = [f'{row.name}.{robot.joint_names[k]}' for k in order]
         for name, default in zip(names, defaults, strict=True):
@@ -125,23 +128,8 @@ def declare_joints(node: Node, settings: Settings, robot: pfd.Robot) -> Settings
     return settings
 
 
-def _undeclare_group(node: Node, group: str) -> None:
-    """Undeclare the joint parameters of the previous arm, which may have been another robot."""
-    for joint in node.get_parameters_by_prefix(group):
-        name = f'{group}.{joint}'
-        if not node.describe_parameter(name).read_only:
-            node.undeclare_parameter(name)
-
-
 def _plain(value: Any) -> Any:
     return value if isinstance(value, str | bool | int | float) else tuple(value)
-
-
-def given_parameters(node: Node) -> Mapping[str, Parameter]:
-    """Return the parameters on the command line and in files, by name."""
-    # rclpy has no public access to them.
-    found: Mapping[str, Parameter] = getattr(node, '_parameter_overrides', {})
-    return found
 
 
 def refuse_unknown(node: Node) -> str:
@@ -151,7 +139,9 @@ def refuse_unknown(node: Node) -> str:
     (`/**`) may hold parameters of others, and a node without autostart may have some for the
     joints of its next robot.
     """
-    unknown = sorted(name for name in given_parameters(node) if not node.has_parameter(name))
+    # rclpy has no public access to what the command line and files give.
+    given: Mapping[str, Parameter] = getattr(node, '_parameter_overrides', {})
+    unknown = sorted(name for name in given if not node.has_parameter(name))
     for name in unknown:
         if name in REMOVED:
             raise ValueError(f'there is no parameter {name!r} any more: {REMOVED[name]}')
@@ -172,7 +162,11 @@ def unused_files(args: Sequence[str], full_name: str) -> Iterator[str]:
         with suppress(OSError, UnicodeDecodeError, yaml.YAMLError):
             text = Path(path).read_text(encoding='utf-8')
             sections = list(_sections(yaml.load(text, yaml.CSafeLoader)))
-            if sections and not any(_matches(section, full_name) for section in sections):
+            patterns = [
+                re.escape(section).replace(r'/\*\*', '(/.*)?').replace(r'\*', '[^/]*')
+                for section in sections
+            ]
+            if sections and not re.fullmatch('|'.join(patterns), full_name):
                 yield (
                     f'{path} has no parameters for {full_name}, only for {listed(sections)}: '
                     f"write {full_name.rpartition('/')[2]!r} or '/**' in it"
@@ -186,11 +180,6 @@ def _sections(tree: Any, name: str = '') -> Iterator[str]:
             yield name or '/'
         else:
             yield from _sections(value, f'{name}/{str(key).strip("/")}')
-
-
-def _matches(section: str, full_name: str) -> bool:
-    pattern = re.escape(section).replace(r'/\*\*', '(/.*)?').replace(r'\*', '[^/]*')
-    return re.fullmatch(pattern, full_name) is not None
 
 
 def setter(

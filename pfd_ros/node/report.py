@@ -24,10 +24,11 @@ from pfd_ros.arm.events import (
     INPUTS,
     LOCKED_JOINTS,
     NAMED,
+    ROLES,
     Verdict,
 )
 from pfd_ros.arm.link import timeout_text
-from pfd_ros.node.endpoints import Endpoints, type_name
+from pfd_ros.node.endpoints import Endpoints
 from pfd_ros.node.services import NANOSECONDS
 from pfd_ros.node.stepping import RESEND_SECONDS, Stepper
 from pfd_ros.text import cut, listed, one_line
@@ -147,17 +148,12 @@ class Report:
 
 def introduce(engine: Engine, endpoints: Endpoints, log: Callable[[str], object]) -> None:
     """Log the topics of an arm by their resolved names, and the robot."""
-    named, plain = (endpoints.subscriptions[role] for role in (NAMED, ARRAY))
+    named, plain = (f'{endpoints.topic(role)} ({ROLES[role].type}' for role in (NAMED, ARRAY))
     order = ', '.join(cut(name) for name in engine.names)
     kinds = 'effort, position, velocity' if engine.actuators.servo else 'effort'
-    published = ' and '.join(
-        f'{end.topic_name} ({type_name(end)})' for end in endpoints.publishers.values()
-    )
-    log(
-        f'subscribed to {named.topic_name} ({type_name(named)}: name and {kinds}) and '
-        f'{plain.topic_name} ({type_name(plain)}: efforts in the order {order})'
-    )
-    log(f'publishing {published}')
+    log(f'subscribed to {named}: name and {kinds}) and {plain}: efforts in the order {order})')
+    outputs = [f'{endpoints.topic(role)} ({ROLES[role].type})' for role in endpoints.publishers]
+    log(f'publishing {" and ".join(outputs)}')
     log(
         f'{cut(engine.state.settings.robot)}: each of the {len(engine.names)} joints is braked '
         'until its first command; simulated time starts at '

@@ -9,7 +9,6 @@ import itertools
 import sys
 import threading
 import time
-import tracemalloc
 from types import ModuleType
 
 import bridge
@@ -119,21 +118,6 @@ def at_cycle(cycle: int, fault) -> None:
     bridge.put('Engine_step', step)
 
 
-def trace() -> None:
-    """Tell with every report how much memory the objects take that came after the first one.
-
-    Traced from the beginning, a first start would compile for a minute on a busy machine.
-    """
-    real_report = bridge.lifecycle_report_arm
-
-    def report(*args, **named) -> None:
-        real_report(*args, **named)
-        tracemalloc.start()
-        print(f'traced {tracemalloc.get_traced_memory()[0]}', flush=True)
-
-    bridge.put('lifecycle_report_arm', report)
-
-
 def put_in(fault: str) -> None:
     if fault.startswith('stub_'):
         runs = {'hangs': wait_and_hang, 'hangs_in_c': wait_and_hang_in_c, 'ends': wait_and_end}
@@ -178,7 +162,6 @@ def fail(*_: object, **__: object) -> None:
 
 
 FAULTS = {
-    'traced': trace,
     'reports_often': lambda: bridge.put('REPORT_SECONDS', 0.1),
     'stepping_fails': lambda: at_cycle(200, fail),
     'stepping_hangs': hang_in_a_step,

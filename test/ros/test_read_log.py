@@ -564,7 +564,7 @@ def test_a_recording_that_is_cut_anywhere_is_read_up_to_the_cut(tmp_path: Path) 
     busy(tmp_path / 'a.mcap')
     data, cut = (tmp_path / 'a.mcap').read_bytes(), tmp_path / 'cut.mcap'
     counts = []
-    for size in range(9, len(data), len(data) // 40):
+    for size in range(9, len(data), len(data) // 20):
         cut.write_bytes(data[:size])
         log = read_log(cut)
         assert not log.complete

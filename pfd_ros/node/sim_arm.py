@@ -59,8 +59,7 @@ if TYPE_CHECKING:
 
 # Longest wait for a transition; the arm takes inputs at least twenty times a second.
 TRANSITION_SECONDS = 5.0
-
-
+# Has a record for each module that is compiled.
 COMPILE_LOG = logging.getLogger('pfd_core.compile')
 
 

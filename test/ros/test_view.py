@@ -450,8 +450,9 @@ PAYLOADS = [
 ]
 
 
-@pytest.mark.parametrize('frame', WRENCHES)
-@pytest.mark.parametrize('payload', PAYLOADS)
+@pytest.mark.parametrize(
+    ('frame', 'payload'), [*zip(WRENCHES, (*PAYLOADS, PAYLOADS[0]), strict=True)]
+)
 def test_links_arrows_and_payload_are_at_the_poses_of_pinocchio(
     frame: str, payload: Any, empty: Any
 ) -> None:

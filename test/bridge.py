@@ -299,7 +299,6 @@ NAMES = {
     'DifferenceError': 'pfd_ros.replay.verify:DifferenceError',
     'verify_log': 'pfd_ros.replay.verify:verify',
     'recorded_engine': 'pfd_ros.replay.verify:recorded_engine',
-    'JointDivergence': 'pfd_ros.replay.what_if:JointDivergence',
     'WhatIf': 'pfd_ros.replay.what_if:WhatIf',
     'what_if': 'pfd_ros.replay.what_if:what_if',
     'what_if_json': 'pfd_ros.replay.what_if:as_json',

@@ -156,7 +156,7 @@ def compare(
             if len(time):
                 key = topic, item, joint.name
                 curves[key] = time, left, right
-                rows.append(_difference(key, *curves[key], tolerance))
+                rows.append(difference(key, curves[key], tolerance))
     if not rows:
         raise ValueError(
             f'{a.path} and {b.path} have no joint with values at common times: joints are '
@@ -289,19 +289,17 @@ def _interpolated(
     return (time[common], left[common], right[common]), (len(missed), len(lost))
 
 
-def _difference(
-    key: tuple[str, str, str], time: Array, left: Array, right: Array, tolerance: float
+def difference(
+    place: tuple[str, str, str], curve: tuple[Array, Array, Array], tolerance: float
 ) -> Difference:
-    sizes = np.abs(left - right)
-    worst = int(np.argmax(sizes))
-    beyond = np.flatnonzero(sizes > tolerance)
-    return Difference(
-        *key,
-        rms=math.sqrt(float(np.mean(sizes**2))),
-        largest=float(sizes[worst]),
-        largest_at=float(time[worst]),
-        first_at=float(time[beyond[0]]) if len(beyond) else None,
-    )
+    """Return the difference of a curve: time, values of a and of b, (N,)."""
+    time, left, right = curve
+    with np.errstate(over='ignore'):  # of a simulation that diverges
+        sizes = np.nan_to_num(np.abs(left - right))
+        rms = float(np.nan_to_num(np.sqrt(np.mean(sizes**2))))
+    worst, beyond = int(np.argmax(sizes)), np.flatnonzero(sizes > tolerance)
+    first = float(time[beyond[0]]) if len(beyond) else None
+    return Difference(*place, rms, float(sizes[worst]), float(time[worst]), first)
 
 
 def as_json(found: Comparison) -> dict[str, Any]:

@@ -11,7 +11,7 @@ The new run does not wait for answers: the inputs are known.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 import os
 from pathlib import Path
@@ -36,10 +36,7 @@ from pfd_ros.arm.events import (
     TIP_WRENCH,
     Message,
 )
-from pfd_ros.arm.settings import (
-    SIMULATED,
-    Settings,
-)
+from pfd_ros.arm.settings import SIMULATED, Settings
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
@@ -48,8 +45,9 @@ from pfd_ros.recording.format import LogError, damage_named
 from pfd_ros.recording.log import Log
 from pfd_ros.recording.recorder import Recorder, topic_names, totals_of
 from pfd_ros.replay.changed_settings import Changes, changed_arm, described_arm, read_changes
-from pfd_ros.replay.compare import Comparison, compare
+from pfd_ros.replay.compare import Comparison, Difference, compare, difference
 from pfd_ros.replay.inputs import BagInputs, Run, one_bit, run_inputs
+from pfd_ros.replay.lag import Array
 from pfd_ros.text import listed
 
 # A run has diverged beyond these: positions [rad or m], velocities [rad/s or m/s], efforts [N m
@@ -57,25 +55,6 @@ from pfd_ros.text import listed
 THRESHOLDS = (1e-3, 1e-2, 1e-1)
 # Filled share of the recorder's queue above which the run waits.
 FULL = 0.25
-
-
-@dataclass(frozen=True)
-class JointDivergence:
-    """The divergence of one joint in one field, in its unit; times in s after the start.
-
-    `largest`, `rms` and `first_at` compare the new run with the log, `rounding_...` the rounding
-    run with the new run. None: never beyond the threshold, or no rounding run.
-    """
-
-    field: str
-    joint: str
-    largest: float
-    largest_at: float
-    rms: float
-    first_at: float | None
-    rounding_largest: float | None = None
-    rounding_rms: float | None = None
-    rounding_first_at: float | None = None
 
 
 @dataclass(frozen=True)
@@ -96,8 +75,9 @@ class WhatIf:
         Number of states in the source.
     thresholds
         One for each field.
-    divergences
-        Divergences by field and joint.
+    divergences, rounding
+        Differences of the log and the new run, at the times of the log, by field and joint; and of
+        the new run and the rounding run, () without one. Times in s after the start.
     only_in_log, only_in_arm
         Joints that only the log, or only the arm has.
     failure, failed_at
@@ -111,8 +91,8 @@ class WhatIf:
         Whether the source was closed properly.
     problems
         Lines about what could not be read.
-    comparison, rounding
-        The source and the new run, with curves; the new run and the rounding run, or None.
+    comparison
+        The log and the new run, with curves.
     """
 
     source: Path
@@ -123,7 +103,8 @@ class WhatIf:
     seconds: float
     states: int
     thresholds: tuple[float, ...]
-    divergences: tuple[JointDivergence, ...]
+    divergences: tuple[Difference, ...]
+    rounding: tuple[Difference, ...]
     only_in_log: tuple[str, ...]
     only_in_arm: tuple[str, ...]
     failure: str
@@ -134,7 +115,6 @@ class WhatIf:
     complete: bool
     problems: list[str]
     comparison: Comparison = field(repr=False, compare=False)
-    rounding: Comparison | None = field(repr=False, compare=False)
 
 
 class _Case(NamedTuple):
@@ -223,7 +203,8 @@ def what_if(
                 f'new run is in {target}'
             )
         found = compare(old, new, topics=(case.states, topic), lag=0.0)
-        alone = _rounding(case, engine, new, topic, begins[1]) if rounding else None
+        alone = _rounding(case, engine, new, topic, begins[1]).curves if rounding else {}
+        times = old[case.states].time
     limits = dict(zip(JOINT_FIELDS, map(float, thresholds), strict=True))
     recorded, own = case.arrays[case.states], {*engine.names, *engine.locked}
     bag = case.source if isinstance(case.source, BagInputs) else None
@@ -237,7 +218,14 @@ def what_if(
         seconds=(engine.stamp_ns - engine.state.origin_ns) / NANOSECONDS,
         states=len(recorded),
         thresholds=tuple(limits.values()),
-        divergences=tuple(_divergences(found, alone, limits, old[case.states].time)),
+        divergences=tuple(
+            # Between two recorded states efforts jump, and interpolated ones would differ.
+            difference(place, _at(times, *curve), limits[place[1]])
+            for place, curve in found.curves.items()
+        ),
+        rounding=tuple(
+            difference(place, curve, limits[place[1]]) for place, curve in alone.items()
+        ),
         only_in_log=tuple(name for name in recorded.names if name not in own),
         only_in_arm=tuple(name for name in engine.names if name not in recorded.names),
         failure=run.failure,
@@ -248,8 +236,13 @@ def what_if(
         complete=case.arrays.complete,
         problems=[unread] if recorded.unreadable else [],
         comparison=found,
-        rounding=alone,
     )
+
+
+def _at(times: Array, own: Array, *curves: Array) -> tuple[Array, Array, Array]:
+    """Return a curve's own times and values at some times."""
+    time, left, right = (values[np.isin(own, times)] for values in (own, *curves))
+    return time, left, right
 
 
 def _begins(case: _Case, engine: Engine) -> tuple[int, int]:
@@ -401,46 +394,16 @@ def _rounding(
         return compare(new, other, topics=(topic, topic), lag=0.0)
 
 
-def _divergences(
-    found: Comparison,
-    alone: Comparison | None,
-    limits: Mapping[str, float],
-    recorded: NDArray[Any],
-) -> Iterator[JointDivergence]:
-    rounding = {} if alone is None else {key[1:]: curve for key, curve in alone.curves.items()}
-    for (_, kind, joint), curve in found.curves.items():
-        # Between two recorded states efforts jump, and interpolated ones would differ.
-        times, one, other = (values[np.isin(curve[0], recorded)] for values in curve)
-        rms, largest, largest_at, first_at = _sizes((times, one, other), limits[kind])
-        last: tuple[float | None, ...] = None, None, None
-        if (kind, joint) in rounding:
-            its_rms, its_largest, _, its_first = _sizes(rounding[kind, joint], limits[kind])
-            last = its_largest, its_rms, its_first
-        yield JointDivergence(kind, joint, largest, largest_at, rms, first_at, *last)
-
-
-def _sizes(
-    curve: tuple[NDArray[Any], NDArray[Any], NDArray[Any]], limit: float
-) -> tuple[float, float, float, float | None]:
-    """Return rms and largest difference, when, and when it first exceeds a limit."""
-    times, one, other = curve
-    with np.errstate(over='ignore'):
-        sizes = np.nan_to_num(np.abs(one - other))
-        rms = float(np.nan_to_num(np.sqrt(np.mean(sizes**2))))
-    worst, beyond = int(np.argmax(sizes)), np.flatnonzero(sizes > limit)
-    first = float(times[beyond[0]]) if len(beyond) else None
-    return rms, float(sizes[worst]), float(times[worst]), first
-
-
 def as_json(found: WhatIf) -> dict[str, Any]:
     """Return a result without settings and curves, ready for JSON."""
-    left_out = {'settings', 'comparison', 'rounding'}
+    left_out = {'settings', 'comparison'}
     values = {f.name: getattr(found, f.name) for f in fields(found) if f.name not in left_out}
     return values | {
         'source': str(found.source),
         'log': str(found.log),
         'thresholds': dict(zip(JOINT_FIELDS, found.thresholds, strict=True)),
         'divergences': [asdict(item) for item in found.divergences],
+        'rounding': [asdict(item) for item in found.rounding],
     }
 
 
@@ -474,7 +437,8 @@ def lines(found: WhatIf) -> list[str]:
     )
     width = max((len(item.joint) for item in found.divergences), default=0)
     head = f'{"":9}  {"":{width}}  {"new run - log":49}'
-    if found.rounding is not None:
+    alone = {(item.field, item.joint): item for item in found.rounding}
+    if alone:
         rows.append(
             'rounding   the new run again, with 2.2e-16 added to each position that the arm is '
             'set to'
@@ -484,14 +448,15 @@ def lines(found: WhatIf) -> list[str]:
     for item in found.divergences:
         row = (
             f'{item.field:9}  {item.joint:{width}}  max {item.largest:.2e} at '
-            f'{item.largest_at:.3f} s rms {item.rms:.2e} {_from(item.largest, item.first_at):16}'
+            f'{item.largest_at:.3f} s rms {item.rms:.2e} {_from(item):16}'
         )
-        if item.rounding_largest is not None:
-            since = _from(item.rounding_largest, item.rounding_first_at)
-            row += f'  max {item.rounding_largest:.2e} rms {item.rounding_rms:.2e} {since}'
+        if last := alone.get((item.field, item.joint)):
+            row += f'  max {last.largest:.2e} rms {last.rms:.2e} {_from(last)}'
         rows.append(row.rstrip())
     return rows
 
 
-def _from(largest: float, first: float | None) -> str:
-    return 'equal' if largest == 0 else 'never' if first is None else f'from {first:.3f} s'
+def _from(item: Difference) -> str:
+    if item.largest == 0:
+        return 'equal'
+    return 'never' if item.first_at is None else f'from {item.first_at:.3f} s'

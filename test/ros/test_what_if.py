@@ -12,7 +12,6 @@ from typing import Any
 
 from arm_messages import change, efforts, named, payload, placed, request, tick, wrench
 from bridge import (
-    JointDivergence,
     LogError,
     RecordedLog,
     WhatIf,
@@ -75,12 +74,10 @@ def states_of(path: Path) -> list[bytes]:
     return [m.data for m in RecordedLog(path).messages() if m.role == 'joint_states']
 
 
-def of(found: WhatIf, field: str) -> list[JointDivergence]:
-    return [item for item in found.divergences if item.field == field]
-
-
-def numbers(found: WhatIf, field: str, name: str = 'largest') -> list[float]:
-    values = [getattr(item, name) for item in of(found, field)]
+def numbers(
+    found: WhatIf, field: str, name: str = 'largest', *, of: str = 'divergences'
+) -> list[float]:
+    values = [getattr(item, name) for item in getattr(found, of) if item.field == field]
     assert values
     return values
 
@@ -239,24 +236,18 @@ def test_a_payload_diverges_as_pinocchio_says(robot: str, tmp_path: Path) -> Non
 
 def test_the_rounding_run_starts_one_bit_away(swing: Path) -> None:
     found = what_if(swing, ['payload.mass=0.5'], rounding=True)
-    largest = np.array(numbers(found, 'position', 'rounding_largest'))
+    largest = np.array(numbers(found, 'position', of='rounding'))
     assert (largest >= BIT).all()
     assert (largest < 1e-12).all()
-    assert numbers(found, 'position', 'rounding_first_at') == [None, None]
-    assert found.rounding is not None
-    alone = what_if(swing, ['payload.mass=0.5'])
-    assert (alone.rounding, numbers(alone, 'position', 'rounding_rms')) == (None, [None, None])
+    assert numbers(found, 'position', 'first_at', of='rounding') == [None, None]
+    assert what_if(swing, ['payload.mass=0.5']).rounding == ()
 
 
 def test_a_state_that_is_set_is_one_bit_away_too(tmp_path: Path) -> None:
-    events = {50: [placed(NAMES, (0.3, 0.2))], 51: [efforts(1.0, 1.0)]}
-    simulate(tmp_path / 'a.mcap', 100, events)
+    simulate(tmp_path / 'a.mcap', 2, {2: [placed(NAMES, (0.3, 0.2))]})
     found = what_if(tmp_path / 'a.mcap', rounding=True)
-    for joint, q in zip(NAMES, (0.3, 0.2), strict=True):
-        times, one, other = found.rounding.curves[STATES, 'position', joint]
-        before, after = np.flatnonzero(np.isclose(times, 0.049) | np.isclose(times, 0.050))
-        assert (one[after], other[after]) == (q, q + BIT)
-        assert other[before] - one[before] == BIT
+    assert numbers(found, 'position', of='rounding') == [BIT, BIT]
+    assert numbers(found, 'position', 'rms', of='rounding') == [BIT, BIT]
 
 
 def test_sensors_of_another_seed_change_what_is_measured_alone(tmp_path: Path) -> None:
@@ -392,7 +383,7 @@ def test_a_real_robot_takes_the_place_of_another_one_with_its_joints(tmp_path: P
     log = swung(tmp_path / 'a.mcap', 'ur5', 100)
     urdf = example_robot('ur_description/urdf/ur10_robot.urdf')
     found = what_if(log, [f'robot={urdf}'])
-    assert (found.robot, len(of(found, 'position'))) == ('ur10', 6)
+    assert (found.robot, len(numbers(found, 'position'))) == ('ur10', 6)
     assert min(numbers(found, 'velocity')) > 0
     assert verify_log(found.log).complete
 
@@ -501,6 +492,7 @@ def test_the_result_is_rows_for_people_and_json(swing: Path) -> None:
     json = what_if_json(found)
     assert (json['changes'], json['robot']) == (tuple(words), 'planar2')
     assert [row['joint'] for row in json['divergences']] == [*NAMES] * 3
+    assert [row['joint'] for row in json['rounding']] == [*NAMES] * 3
     assert json['thresholds'] == {'position': 1e-3, 'velocity': 1e-2, 'effort': 1e-1}
 
 
@@ -675,7 +667,7 @@ def test_another_payload_diverges_as_in_a_simulation(tmp_path: Path) -> None:
     new = motion(np.repeat(taus(120), 4, axis=0), 0.5).q[3:-1:4]
     sizes = np.abs(new - read_log(bag)[STATES].position[1:])
     np.testing.assert_allclose(numbers(found, 'position'), sizes.max(axis=0), atol=1e-9)
-    assert 0 < max(numbers(found, 'position', 'rounding_largest')) < 1e-12
+    assert 0 < max(numbers(found, 'position', of='rounding')) < 1e-12
 
 
 def test_efforts_without_names_act_in_the_order_of_the_joints(tmp_path: Path) -> None:

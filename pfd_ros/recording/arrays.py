@@ -8,7 +8,7 @@ in the order of the log times.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 import json
 import math
@@ -213,6 +213,16 @@ def read_log(
         return _arrays(bag, found, span, unreadable)
 
 
+def new_names(names: Iterable[str], rename: Mapping[str, str]) -> tuple[str, ...]:
+    """Return names in which the first OLD that a name begins with is NEW."""
+
+    def new(name: str) -> str:
+        old = next(filter(name.startswith, rename), '')
+        return rename.get(old, '') + name.removeprefix(old)
+
+    return tuple(map(new, names))
+
+
 def renamed(log: LogArrays, rename: Mapping[str, str]) -> LogArrays:
     """Return a log whose joints have other names: each beginning OLD of a name becomes NEW.
 
@@ -221,20 +231,13 @@ def renamed(log: LogArrays, rename: Mapping[str, str]) -> LogArrays:
     ValueError
         If two joints of a topic get one name.
     """
-
-    def new(name: str) -> str:
-        for old, begin in rename.items():
-            if name.startswith(old):
-                return begin + name[len(old) :]
-        return name
-
     read = dict(log.read)
     for topic, found in log.read.items():
         if isinstance(found, TopicArrays) and found.names:
-            names = tuple(map(new, found.names))
+            names = new_names(found.names, rename)
             if len(set(names)) < len(names):
                 raise ValueError(f'two joints of {topic!r} would have one name: {listed(names)}')
-            lists = tuple(tuple(map(new, one)) for one in found.lists)
+            lists = tuple(new_names(one, rename) for one in found.lists)
             read[topic] = replace(found, names=names, lists=lists)
     return replace(log, read=read)
 

@@ -44,7 +44,7 @@ from pfd_ros.messages.cdr import NANOSECONDS, STAMP, TIME
 from pfd_ros.messages.joints import decode_joints, encode_joints
 from pfd_ros.messages.text_and_arrays import decode_floats, decode_string, encode_floats
 from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
-from pfd_ros.recording.arrays import LogArrays, renamed
+from pfd_ros.recording.arrays import LogArrays, new_names, renamed
 from pfd_ros.recording.format import EndKey, LogError
 from pfd_ros.recording.log import Log
 from pfd_ros.recording.topic_arrays import TopicArrays
@@ -421,13 +421,6 @@ class BagInputs:
                 continue
             with suppress(ValueError):
                 joints = decode_joints(data)
-                names = [self._renamed(name) for name in joints.names]
                 # Positions may be those of a state: no targets.
-                data = encode_joints(names, effort=joints.effort)
+                data = encode_joints(new_names(joints.names, self._rename), effort=joints.effort)
                 yield joints.stamp_ns if self.times == 'stamps' else at, Message(NAMED, data)
-
-    def _renamed(self, name: str) -> str:
-        for old, new in self._rename.items():
-            if name.startswith(old):
-                return new + name.removeprefix(old)
-        return name

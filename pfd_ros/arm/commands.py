@@ -12,6 +12,7 @@ names that it has.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import math
 from typing import Any
 
@@ -23,7 +24,7 @@ from pfd_ros.arm.events import LOCKED_JOINTS, OVERWRITTEN, Change, RefusedError,
 from pfd_ros.arm.state import BRAKE, EFFORT, POSITION, VELOCITY
 from pfd_ros.messages.joints import JOINT_FIELDS, Joints, decode_joints
 from pfd_ros.messages.text_and_arrays import decode_floats
-from pfd_ros.text import listed
+from pfd_ros.text import cut, listed
 
 # Farther and faster than any joint goes, rad or m, rad/s or m/s; a simulation from there, or a
 # servo to it, would not stay finite.
@@ -40,7 +41,8 @@ def array(arm: Arm, data: bytes) -> Change:
         raise RefusedError('wrong_size', f'{len(efforts)} numbers for {len(arm.names)} joints')
     # The terms of a finite sum are finite; for a few joints faster than NumPy.
     if not math.isfinite(sum(efforts.tolist())) and not np.isfinite(efforts).all():
-        raise RefusedError('not_finite', 'contains a number that is not finite')
+        numbers = _first_of('effort', arm.names, efforts, ~np.isfinite(efforts))
+        raise RefusedError('not_finite', numbers)
     if arm.state.tripped:
         raise RefusedError('refused', arm.state.tripped)
     return command, (arm.all_joints, efforts)
@@ -196,6 +198,14 @@ def _overwritten(arm: Arm, joints: Any) -> Remarks:
     return (Verdict(OVERWRITTEN, f'{names} commanded again before the next step'),)
 
 
+def _first_of(kind: str, names: Sequence[str], values: NDArray[Any], wrong: NDArray[Any]) -> str:
+    """Return the first of the wrong numbers, each with its joint."""
+    found = [
+        f'{kind} of joint {cut(names[j])!r} is {values[j]}' for j in np.flatnonzero(wrong).tolist()
+    ]
+    return ', '.join([*found[:3], *['...'] * (len(found) > 3)])
+
+
 def check_joints(joints: Joints, since_ns: int | None = None) -> None:
     """Check arrays, stamp and names of a message by joint name.
 
@@ -208,7 +218,7 @@ def check_joints(joints: Joints, since_ns: int | None = None) -> None:
             raise RefusedError('ragged', f'{len(names)} names and {len(values)} numbers in {kind}')
         # The terms of a finite sum are finite; for a few joints faster than NumPy.
         if not math.isfinite(sum(values.tolist())) and np.isinf(values).any():
-            raise RefusedError('infinite', f'{kind} contains inf')
+            raise RefusedError('infinite', _first_of(kind, names, values, np.isinf(values)))
     if since_ns is not None and 0 != joints.stamp_ns < since_ns:
         raise RefusedError('stale', f'stamp {joints.stamp_ns} ns, expected {since_ns} ns or later')
     if len(set(names)) < len(names):

@@ -21,7 +21,6 @@ from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import ACCEPTED, ALL_NAN, LABELS, NAMED, Message, Verdict
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS, decode_joints
-from pfd_ros.messages.text_and_arrays import decode_floats
 from pfd_ros.motion.metrics import Array
 from pfd_ros.testing.patience import Watch
 from pfd_ros.testing.trajectory import Rows
@@ -142,8 +141,6 @@ def rejection(command: Command, verdict: Verdict, names: Sequence[str]) -> Verdi
     not have and joints that get NaN stay without a command: a part is rejected.
     """
     if not verdict.accepted:
-        if verdict.label in ('infinite', 'not_finite'):
-            return Verdict(verdict.label, _not_finite(*command, names))
         return verdict
     for remark in verdict.remarks:
         if remark.label in REASONS:
@@ -155,21 +152,6 @@ def rejection(command: Command, verdict: Verdict, names: Sequence[str]) -> Verdi
     without = np.flatnonzero(np.isnan(kinds).all(axis=0)).tolist()
     left = [joints.names[j] for j in without if joints.names[j] in names]
     return Verdict(ALL_NAN.label, f'NaN for {listed(left)}') if left else None
-
-
-def _not_finite(role: str, data: bytes, names: Sequence[str]) -> str:
-    """Return the numbers of a command that are not finite, with their joints."""
-    if role == NAMED:
-        joints = decode_joints(data)
-        names, kinds = joints.names, {kind: getattr(joints, kind) for kind in JOINT_FIELDS}
-    else:
-        kinds = {'effort': decode_floats(data)}
-    wrong = [
-        f'{kind} of joint {names[j]!r} is {values[j]}'
-        for kind, values in kinds.items()
-        for j in np.flatnonzero(~np.isfinite(values)).tolist()
-    ]
-    return f'{", ".join(wrong[:3])}{", ..." if len(wrong) > 3 else ""}'
 
 
 def checked_reasons(given: Collection[str]) -> frozenset[str]:

@@ -162,6 +162,15 @@ class _Executor:
         """Leave the node in: the executor ends with the link."""
 
 
+def _offered(role: str) -> QoSProfile:
+    """Return the QoS of the arm's publisher of a role."""
+    latched = ROLES[role].latched
+    return QoSProfile(
+        depth=1 if latched or role == CLOCK else STATE_DEPTH,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
 class NodeLink:
     """The topics of the arm, and the nodes at their other ends.
 
@@ -221,12 +230,28 @@ class NodeLink:
         roles = {STATES, PAYLOAD_IN_USE, *settings.outputs, *wrench}
         roles |= {CLOCK} if settings.publish_clock else set()
         roles |= {DESCRIPTION} if settings.publish_description else set()
+        writes = PublisherEventCallbacks(use_default_callbacks=False)
+        reads = SubscriptionEventCallbacks(use_default_callbacks=False)
+        # Compatible with best-effort and with reliable publishers; messages are taken by _drain.
+        served = QoSProfile(depth=COMMAND_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+        ends = {
+            role: (message_class(row.type), topic_of(self._node, row.topic, topics.get(role, '')))
+            for role, row in ROLES.items()
+            if role in roles or role in COMMANDS
+        }
         self._publishers = {
-            role: self._publisher(role, topics.get(role, '')) for role in ROLES if role in roles
+            role: self._node.create_publisher(*ends[role], _offered(role), event_callbacks=writes)
+            for role in ROLES
+            if role in roles
+        }
+        self._commands = {
+            role: self._node.create_subscription(
+                *ends[role], lambda data: None, served, raw=True, event_callbacks=reads
+            )
+            for role in COMMANDS
         }
         if settings.publish_description:
             self._publishers[DESCRIPTION].publish(encode_string(described.text))
-        self._commands = {role: self._reader(role, topics.get(role, '')) for role in COMMANDS}
         # What rclpy.experimental has around it enables faulthandler, which needs a real stderr.
         self._events = rclpy_implementation.EventsExecutor(get_default_context())
         self._events.add_node(_WithoutTimers(self._node, list(self._commands.values())))
@@ -241,31 +266,6 @@ class NodeLink:
         self._time, self._commanded, self._looked = 0.0, math.nan, 0.0
         self._answers, self._watch = 0, Watch(math.inf)
         self.seconds, self.notes, self._noted = math.nan, list[str](), set[str]()
-
-    def _publisher(self, role: str, theirs: str) -> Any:
-        latched = ROLES[role].latched
-        qos = QoSProfile(
-            depth=1 if latched or role == CLOCK else STATE_DEPTH,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-        )
-        return self._node.create_publisher(
-            message_class(ROLES[role].type),
-            topic_of(self._node, ROLES[role].topic, theirs),
-            qos,
-            event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
-        )
-
-    def _reader(self, role: str, theirs: str) -> Any:
-        # Compatible with best-effort and with reliable publishers.
-        qos = QoSProfile(depth=COMMAND_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
-        return self._node.create_subscription(
-            message_class(ROLES[role].type),
-            topic_of(self._node, ROLES[role].topic, theirs),
-            lambda data: None,  # taken by _drain
-            qos,
-            raw=True,
-            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-        )
 
     def __enter__(self) -> NodeLink:
         """Return the link."""
@@ -360,8 +360,8 @@ class NodeLink:
             found += [(role, x) for x in read(end.topic_name)]
             if role in (STATES, CLOCK):
                 found += [('arm', x) for x in written(end.topic_name)]
-        for end in self._commands.values():
-            found += [('commands', x) for x in written(end.topic_name)]
+        for reader in self._commands.values():
+            found += [('commands', x) for x in written(reader.topic_name)]
         return sorted((role, node_of(x)) for role, x in found)
 
     def _matched(self) -> tuple[int, ...]:

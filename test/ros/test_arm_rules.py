@@ -114,7 +114,7 @@ VERDICTS: list[tuple[dict[str, Any], list[tuple[ArmMessage, str, str]]]] = [
             (named([A, B], [1]), 'ragged', '2 names and 1 numbers in effort'),
             (named([A, B], [1, 2], velocity=[0]), 'ragged', 'velocity'),
             (named([A, B], [1, 2], position=[0, 0, 0]), 'ragged', 'position'),
-            (named([A, B], [1, INF]), 'infinite', 'effort contains inf'),
+            (named([A, B], [1, INF]), 'infinite', 'is inf'),
             (named([A, B], [-INF, NAN]), 'infinite', 'effort'),
             (named([A, B], [1, 2], velocity=[INF, 0]), 'infinite', 'velocity'),
             (named(['x', B], [INF, 1]), 'infinite', 'effort'),

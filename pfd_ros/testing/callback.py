@@ -25,17 +25,7 @@ Controller: TypeAlias = Callable[[float, Array, Array], ArrayLike]
 
 
 class CallbackLink:
-    """A controller that is called with each state.
-
-    Parameters
-    ----------
-    controller
-        Called as controller(t, q, qd); the arrays are its own.
-    names
-        Joints in published order.
-    patience
-        Longest wall time of one call, s.
-    """
+    """A controller that is called with each state; the arrays are its own."""
 
     silent = True
 
@@ -59,13 +49,7 @@ class CallbackLink:
     def answer(
         self, messages: Sequence[Message], time: float, measured: Array
     ) -> Sequence[Command]:
-        """Return the command with which the controller answers a state.
-
-        Raises
-        ------
-        ControllerError
-            If it raised or blocked, or its answer is not one number for each joint.
-        """
+        """Return the command with which the controller answers a state."""
         watch, q, qd = self._watch, measured[0], measured[1]
         begun = watch.since = perf_counter()
         try:

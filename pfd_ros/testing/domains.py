@@ -46,12 +46,7 @@ MODULES = ('rclpy', 'rclpy.signals', 'rosidl_generator_py')
 def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
     """Return the environment of processes on a domain: no variables that connect to other systems.
 
-    Parameters
-    ----------
-    inherited
-        The environment of this process.
-    domain
-        The ROS domain they get.
+    `inherited` is the environment of this process.
     """
     chosen = {
         name: value
@@ -80,22 +75,11 @@ def environment_to_kill(inherited: Mapping[str, str]) -> dict[str, str]:
 
 @contextmanager
 def own_domain(start: int | None = None, avoided: str = '') -> Iterator[int]:
-    """Claim a domain in a context.
+    """Claim a domain in a context; OSError if every domain is taken.
 
-    A domain in which a participant already runs, such as the user's own nodes, is skipped.
-
-    Parameters
-    ----------
-    start
-        Where the search starts, any number; default: the process id, so that domains are not used
-        again at once.
-    avoided
-        A domain to skip, as a string.
-
-    Raises
-    ------
-    OSError
-        If every domain is taken, or this system has no abstract sockets.
+    A domain in which a participant already runs, such as the user's own nodes, is skipped, and the
+    one in `avoided`. The search starts at any number, by default the process id, so that domains
+    are not used again at once.
     """
     begin, count = os.getpid() if start is None else start, LAST - FIRST + 1
     for step in range(count):
@@ -147,13 +131,7 @@ def _take_over(variables: Mapping[str, str], names: set[str]) -> None:
 
 
 def import_rclpy() -> Any:
-    """Return the module rclpy; the parser of its messages warns of a module that Python renamed.
-
-    Raises
-    ------
-    ImportError
-        If ROS 2 is not installed.
-    """
+    """Return the module rclpy; the parser of its messages warns of a module that Python renamed."""
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', DeprecationWarning)
         modules = [importlib.import_module(name) for name in MODULES]

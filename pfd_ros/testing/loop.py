@@ -58,21 +58,11 @@ def blocked(watch: Watch, patience: float, time: float, answers: int) -> Control
 
 
 class Link(Protocol):
-    """What the loop needs of a link.
+    """What the loop needs of a link."""
 
-    Attributes
-    ----------
-    silent
-        Whether nobody reads the messages; such a link gets the published states alone.
-    seconds
-        Wall time that the controller took for the last command.
-    notes
-        Why the run may differ another time.
-    """
-
-    silent: bool
-    seconds: float
-    notes: list[str]
+    silent: bool  # nobody reads the messages: it gets the published states alone
+    seconds: float  # wall time that the controller took for the last command
+    notes: list[str]  # why the run may differ another time
 
     def answer(
         self, messages: Sequence[Message], time: float, measured: Array
@@ -97,14 +87,7 @@ def run(engine: Engine, step: Step, link: Link, rows: Rows, allowed: Collection[
     """Fill rows with published states and the efforts that follow them.
 
     `step` takes commands and runs to the next cycle that a number divides; it returns messages and
-    verdicts, as LockstepArm.step.
-
-    Raises
-    ------
-    ArmError
-        If the state does not stay finite.
-    Exception
-        Of the link: a controller failed, did not answer, or its command was rejected.
+    verdicts, as LockstepArm.step. Errors are those of the arm and of the link.
     """
     settings = engine.state.settings
     every = settings.publish_every

@@ -73,23 +73,13 @@ DELIVER_AT_ONCE = ('rmw_fastrtps', 'rmw_cyclonedds')
 
 
 class _Peer:
-    """A node that this process does not run: its parameter services and what they said.
-
-    Attributes
-    ----------
-    sim_time
-        Whether it has use_sim_time, None before its first reply.
-    threaded
-        Whether its clock may have a thread of its own, as the clock of rclcpp has.
-    stamp_ns, reads
-        Its clock when last read, and whether it is being read.
-    pending
-        Replies to wait for.
-    """
+    """A node that this process does not run: its parameter services and what they said."""
 
     def __init__(self, node: Node, name: str) -> None:
+        # Whether its clock may have a thread of its own, as the clock of rclcpp has.
         self.name, self.threaded = name, False
-        self.sim_time: bool | None = None
+        self.sim_time: bool | None = None  # use_sim_time, None before the first reply
+        # Its clock when last read, and whether it is being read.
         self.stamp_ns, self.reads, self.asked = 0, False, 0.0
         self.pending: list[Future] = []
         self._get = node.create_client(GetParameters, f'{name}/get_parameters')
@@ -172,26 +162,7 @@ def _offered(role: str) -> QoSProfile:
 
 
 class NodeLink:
-    """The topics of the arm, and the nodes at their other ends.
-
-    Parameters
-    ----------
-    described
-        The robot and the topics that its description names.
-    engine
-        The arm.
-    ros_args
-        Arguments of its node: remappings, its namespace.
-    controllers
-        Nodes of this process, which are run here, and controllers as processes.
-
-    Raises
-    ------
-    RuntimeError
-        If rclpy is not initialised.
-    ControllerError
-        If a node is in another executor.
-    """
+    """The topics of the arm, and the nodes at their other ends: here, as processes, elsewhere."""
 
     silent = False
 
@@ -280,23 +251,10 @@ class NodeLink:
         self._node.destroy_node()
 
     def begin(self, period: float | None, patience: float, start_patience: float) -> None:
-        """Wait until all nodes and the ends of their topics know each other.
+        """Wait until all nodes and the ends of their topics know each other, s of wall time.
 
-        No message is published before, so timers on simulated time all begin at time 0.
-
-        Parameters
-        ----------
-        period
-            Longest simulated time between two commands, s; None for any.
-        patience
-            Longest wall time for what follows from a message, s.
-        start_patience
-            Longest wall time until the nodes are there, s.
-
-        Raises
-        ------
-        NoAnswerError
-            If they are not.
+        No message is published before, so timers on simulated time all begin at time 0. `period`
+        is the longest simulated time between two commands, s, or None.
         """
         self._period, self._patience = period, patience
         self._watch = Watch(patience)
@@ -405,15 +363,7 @@ class NodeLink:
     def answer(
         self, messages: Sequence[Message], time: float, measured: Array
     ) -> Sequence[Command]:
-        """Publish messages one by one, each with what follows from it; return the commands.
-
-        Raises
-        ------
-        ControllerError
-            If a node of this process raises or blocks.
-        NoAnswerError
-            If nodes do not finish, do not answer a state, or end.
-        """
+        """Publish messages one by one, each with what follows from it; return the commands."""
         self._time, sent = time, dict[str, int]()
         for role, data, _ in messages:
             if role in self._read:

@@ -116,13 +116,7 @@ class ChildProcess:
         return f'ended by {names.get(-status, f"signal {-status}")}'
 
     def stop(self, seconds: float, number: signal.Signals = signal.SIGINT) -> int:
-        """End the process and all of its group by a signal, after so many seconds by force.
-
-        Returns
-        -------
-        int
-            The status of the process.
-        """
+        """End the process and its group by a signal, later by force; return its status."""
         if self.process.poll() is None:
             self._signal(number)
         with suppress(subprocess.TimeoutExpired):
@@ -137,13 +131,7 @@ class ChildProcess:
 
 
 class ControllerProcess(ChildProcess):
-    """A controller as a running process, in the ROS domain of the test.
-
-    Parameters
-    ----------
-    command
-        Program and arguments.
-    """
+    """A controller as a running process, in the ROS domain of the test; program and arguments."""
 
     def __init__(self, command: Sequence[str | os.PathLike[str]]) -> None:
         self._folder = Path(tempfile.mkdtemp(prefix='pfd_ros_'))
@@ -209,13 +197,7 @@ class NodeProcess(ControllerProcess):
             watching.destroy_node()
 
     def close(self) -> None:
-        """End the node as Ctrl-C does.
-
-        Raises
-        ------
-        NodeProcessError
-            If it had ended before, did not end, or failed.
-        """
+        """End the node as Ctrl-C does; NodeProcessError if it had ended, or failed."""
         try:
             ended, status = self.end(), self.stop(NODE_END_SECONDS)
             if status == -signal.SIGKILL and not ended:

@@ -131,7 +131,7 @@ def _take_over(variables: Mapping[str, str], names: set[str]) -> None:
 
 
 def import_rclpy() -> Any:
-    """Return the module rclpy; the parser of its messages warns of a module that Python renamed."""
+    """Return the module rclpy; the parser of its messages warns of a module of Python."""
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', DeprecationWarning)
         modules = [importlib.import_module(name) for name in MODULES]

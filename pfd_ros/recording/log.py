@@ -21,7 +21,6 @@ from pfd_ros.recording.bags import Bag
 from pfd_ros.recording.format import (
     ROBOT,
     SEQUENCE_MASK,
-    EndKey,
     HeadKey,
     LogError,
     check_format,
@@ -108,9 +107,6 @@ class Log:
                 yield Message(role, data, last), log_ns, publish_ns
         with damage_named(self.path):
             self.end = {key: json.loads(text) for key, text in bag.end.items()}
-            missing = {EndKey.TOTALS, EndKey.RECORDED, EndKey.CRC} - self.end.keys()
-            if self.end and missing:
-                raise LogError(f'{self.path}: its end lacks {sorted(missing)}')
         self.complete = bag.complete and bool(self.end)
 
 

@@ -25,7 +25,7 @@ import zlib
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
 import pfd_core as pfd
-from pfd_ros.arm.events import ASIDES, CLOCK, CLOCK_TICKS, ROLES, Message
+from pfd_ros.arm.events import CLOCK, CLOCK_TICKS, ROLES, Message
 from pfd_ros.messages.definitions import definition_of, type_hash
 from pfd_ros.messages.qos import Qos, qos_text
 from pfd_ros.recording import format as names
@@ -229,8 +229,7 @@ class Recorder:
                 # An aside of another thread may be late.
                 self._last_ns = log_ns = max(self._last_ns, times[0])
                 for role, data, cycle in messages:
-                    number = 0 if role in ASIDES else cycle & names.SEQUENCE_MASK
-                    add(ids[role], log_ns, data, times[1], number)
+                    add(ids[role], log_ns, data, times[1], cycle & names.SEQUENCE_MASK)
                     self._crc = zlib.crc32(data, self._crc)
                     self.recorded[role] += 1
                 with self._lock:

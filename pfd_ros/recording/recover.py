@@ -99,7 +99,6 @@ def _copy(stream: BinaryIO, written: BinaryIO, lost: list[str]) -> int:
         elif isinstance(record, Channel):
             channels[record.id] = record
         elif isinstance(record, Metadata):
-            writer.flush()  # it comes after the messages before it
             writer.add_metadata(record.name, record.metadata)
         elif isinstance(record, Attachment):
             times = record.create_time, record.log_time

@@ -78,7 +78,7 @@ def record(
             if is_input:
                 waiting.append(message)
             else:
-                put([message])
+                put([message._replace(cycle=0)])
         while engine.state.cycle < cycles:
             put(engine.step(waiting)[0])
             waiting = []

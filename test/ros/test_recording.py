@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import errno
 import itertools
 import json
 import os
@@ -296,12 +297,13 @@ def test_a_full_disk_ends_the_recording_and_the_file_verifies(tmp_path: Path) ->
 
 
 def hanging(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
-    """Let the disk not respond until an event is set."""
-    released, sync = threading.Event(), os.fdatasync
+    """Let the disk not respond until an event is set, and then fail."""
+    released = threading.Event()
 
     def wait(number: int) -> None:
         released.wait()
-        sync(number)
+        # Of a recording that has ended already.
+        raise OSError(errno.EIO, 'Input/output error')
 
     monkeypatch.setattr(os, 'fdatasync', wait)
     monkeypatch.setattr(*bridge.target('SYNC_SECONDS'), 0.0)
@@ -315,12 +317,17 @@ def test_a_slow_disk_ends_the_recording_when_the_queue_is_full(
     released = hanging(monkeypatch)
     run = Run(tmp_path / 'run.mcap')
     run.step()
-    steps = 0
+    data = aside('x' * 1000).data
+    references, steps = sys.getrefcount(data), 0
+    wait_until(lambda: run.recorder.recorded)
+    run.recorder.put([ArmMessage('diagnostics', data)], 0)
+    assert sys.getrefcount(data) > references
     while not run.recorder.error:
         run.step(efforts(1.0, 2.0))
         steps += 1
     # By bytes: a state, a clock tick and a command have 800 with what Python needs for them.
     assert 50 < steps < 300
+    assert sys.getrefcount(data) == references
     released.set()
     check_ended(run, 'the disk is too slow; the part written so far is readable')
     assert not verify_log(tmp_path / 'run.mcap').complete
@@ -345,10 +352,14 @@ def test_a_message_that_cannot_be_written_ends_the_recording(tmp_path: Path) -> 
     check_ended(run, 'tip_pose')
 
 
-def test_what_comes_after_closing_is_not_recorded(tmp_path: Path) -> None:
+def test_what_comes_after_closing_is_not_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     run = simulate(tmp_path / 'run.mcap', 3)
-    run.recorder.put([aside()], 0)
+    monkeypatch.setattr(*bridge.target('QUEUE_BYTES'), 1000)
+    run.recorder.put([aside()] * 100, 0)
     run.recorder.close({})
+    assert run.recorder.error == ''
     assert verify_log(tmp_path / 'run.mcap') == ({'joint_states': 3, 'clock': 3}, 3, True)
 
 

@@ -93,7 +93,7 @@ def test_a_damaged_chunk_costs_that_chunk_alone(source: Path, tmp_path: Path) ->
     assert sum(sizes) == len(every)
 
 
-@pytest.mark.parametrize('length', [0, 5, 1 << 20, 1 << 62])
+@pytest.mark.parametrize('length', [0, 5, 2000, 1 << 20, 1 << 62])
 def test_a_damaged_length_costs_one_chunk_with_an_index_and_the_rest_without(
     length: int, source: Path, tmp_path: Path
 ) -> None:
@@ -117,9 +117,12 @@ def test_a_damaged_index_costs_no_message(source: Path, tmp_path: Path) -> None:
     data, every = source.read_bytes(), messages(source)
     (begin,) = struct.unpack('<Q', data[-28:-20])
     rng = random.Random(4)
-    for _ in range(40):
+    places = [rng.randrange(begin, len(data) - 8) for _ in range(30)]
+    for chunk in chunks(source):
+        places.append(data.index(struct.pack('<Q', chunk.chunk_start_offset), begin))
+    for place in places:
         damaged = bytearray(data)
-        damaged[rng.randrange(begin, len(data) - 8)] ^= 1 << rng.randrange(8)
+        damaged[place] ^= 1 << rng.randrange(8)
         assert recovered(bytes(damaged), tmp_path)[0] == every
 
 

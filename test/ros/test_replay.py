@@ -229,6 +229,17 @@ def test_one_bit_of_an_output_is_named(
     assert ('cause: not the program' in text) == counted
 
 
+def test_the_sign_of_a_zero_is_a_bit(tmp_path: Path) -> None:
+    def negated(role: str, message: Message) -> Message:
+        data = message.data[:-1] + bytes([message.data[-1] ^ 0x80])
+        return replace(message, data=data) if role == 'joint_states' else message
+
+    simulate(tmp_path / 'run.mcap', 3)
+    path = rewritten(tmp_path / 'run.mcap', tmp_path / 'new.mcap', negated, counted=True)
+    with pytest.raises(DifferenceError, match=r'recorded -0\.0 .*, replayed 0\.0'):
+        verify_log(path)
+
+
 def sent_in(role: str, cycle: int, alter: Callable[[Message], Any]) -> Any:
     return lambda found, m: alter(m) if (found, m.sequence) == (role, cycle) else m
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels: the emulator's bits, however they are called; and clear errors for bad arguments."""
+"""Kernels of all quantities: the emulator's bits, however they are called."""
 
 from __future__ import annotations
 
@@ -23,18 +23,6 @@ from zoo import random_chain, random_states, without_mass
 import pfd_core as pfd
 
 DTYPES = ('float64', 'float32')
-
-
-@pytest.mark.parametrize('dtype', one_fast(DTYPES))
-@pytest.mark.parametrize('name', one_fast(ARMS, 'ur5'))
-def test_kernel_and_emulator_give_the_same_bits(name: str, dtype: str) -> None:
-    kernel = pfd.compile_kernel(pfd.load_robot(name), dtype=dtype)
-    q, qd, tau = random_states(kernel.robot.n, 33, dtype)
-    emulated = run_program(kernel.program, {'q': q, 'qd': qd, 'tau': tau}, dtype)['qdd']
-    np.testing.assert_array_equal(kernel(q, qd, tau), emulated)
-    singles = [kernel(*rows) for rows in zip(q, qd, tau, strict=True)]
-    np.testing.assert_array_equal(singles, emulated)
-    assert kernel(q, qd, tau).dtype == dtype
 
 
 @pytest.mark.parametrize('dtype', one_fast(DTYPES))
@@ -150,40 +138,6 @@ def test_kernels_agree_with_pinocchio(name: str) -> None:
         size = np.abs(wanted).max()
         assert np.abs(double(q64, qd64, tau64) - wanted).max() < DYNAMICS * condition * size
         assert np.abs(single(q, qd, tau) - wanted).max() < SINGLE * condition * size
-
-
-def test_angles_far_beyond_the_range_of_the_sine_are_brought_back() -> None:
-    robot = pfd.load_robot('panda')
-    kernel = pfd.compile_kernel(robot)
-    _, qd, tau = random_states(7, 20)
-    rng = np.random.default_rng(3)
-    q = rng.uniform(-1, 1, (20, 7)) * 10.0 ** rng.integers(0, 300, (20, 7))
-    oracle = Oracle(robot)
-    found = kernel(q, qd, tau)
-    for k in range(20):
-        # The C library reduces exactly: its sine and cosine give the angle Pinocchio takes.
-        angle = np.arctan2(np.sin(q[k]), np.cos(q[k]))
-        wanted = oracle.qdd(angle, qd[k], tau[k])
-        assert np.abs(found[k] - wanted).max() < 1e-10 * np.abs(wanted).max()
-        np.testing.assert_array_equal(kernel(q[k], qd[k], tau[k]), found[k])
-
-
-def test_derivatives_at_angles_far_beyond_the_range_of_the_sine_are_those_at_the_angle() -> None:
-    kernel = pfd.compile_kernel(pfd.load_robot('planar2'), quantity='derivatives')
-    q, qd, tau = random_states(2, 20)
-    far = q + 2e6 * np.arange(20)[:, np.newaxis]
-    found = kernel(far, qd, tau)
-    wanted = kernel(np.arctan2(np.sin(far), np.cos(far)), qd, tau)
-    assert np.abs(found - wanted).max() < 1e-10 * np.abs(wanted).max()
-    np.testing.assert_array_equal(kernel(far[7], qd[7], tau[7]), found[7])
-
-
-def test_a_prismatic_joint_is_never_wrapped() -> None:
-    robot = random_chain(np.random.default_rng(4), 2, joint_types=['prismatic', 'prismatic'])
-    kernel = pfd.compile_kernel(robot)
-    q = np.array([3e5, -2e7])
-    emulated = run_program(kernel.program, {'q': q, 'qd': q, 'tau': q})['qdd']
-    np.testing.assert_array_equal(kernel(q, q, q), emulated)
 
 
 @pytest.mark.parametrize('shape', [(2,), (10, 2)])
@@ -354,3 +308,103 @@ def test_a_kernel_has_the_signature_of_its_call() -> None:
     names = ['q', 'qd', 'tau', 'wrench', 'out', 'brakes', 'payload', 'threads']
     assert list(inspect.signature(kernel).parameters) == names
     assert list(inspect.signature(kernel.__call__).parameters) == names
+
+
+EFFECTS = pfd.Scene(
+    damping=[0.1] * 6,
+    armature=[0.2] * 6,
+    external_wrench=True,
+    payload=pfd.Payload(1.0, (0.1, 0.0, 0.2)),
+)
+# Joint state of many arms.
+COUNT = 37
+
+
+def arguments(kernel: pfd.Kernel, count: int = COUNT) -> dict[str, np.ndarray]:
+    """Return random arguments of a kernel by name."""
+    rng = np.random.default_rng(3)
+    return {
+        name: rng.uniform(-2, 2, (count, size)).astype(kernel.dtype)
+        for name, size in kernel.program.inputs.items()
+    }
+
+
+def call(kernel: pfd.Kernel, given: dict[str, Any], **options: Any) -> np.ndarray:
+    """Call a kernel with arguments by name; the third of a state is `tau` in a call."""
+    named = {'tau' if name == 'qdd' else name: value for name, value in given.items()}
+    return kernel(**named, **options)
+
+
+@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+@pytest.mark.parametrize('quantity', pfd.QUANTITIES)
+@pytest.mark.slow
+def test_a_kernel_has_the_bits_of_the_emulator_alone_and_in_any_batch(
+    quantity: str, dtype: str
+) -> None:
+    kernel = pfd.compile_kernel(
+        pfd.load_robot('ur5'), scene=EFFECTS, quantity=quantity, dtype=dtype
+    )
+    shape = tuple(
+        {'n': 6, '3n': 18}.get(str(size), size) for size in pfd.QUANTITIES[quantity].shape
+    )
+    assert kernel.quantity == quantity
+    assert kernel.shape == shape
+    given = arguments(kernel)
+    (wanted,) = run_program(kernel.program, given, dtype=dtype).values()
+    wanted = wanted.reshape(COUNT, *shape)
+    for order in ('C', 'F'):
+        rows = {name: np.array(value, order=order) for name, value in given.items()}
+        np.testing.assert_array_equal(call(kernel, rows), wanted)
+        np.testing.assert_array_equal(call(kernel, rows, threads=2), wanted)
+        out = np.empty_like(wanted)
+        assert call(kernel, rows, out=out) is out
+        np.testing.assert_array_equal(out, wanted)
+    for k in (0, COUNT - 1):
+        one = {name: value[k] for name, value in given.items()}
+        np.testing.assert_array_equal(call(kernel, one), wanted[k])
+        out = np.empty(shape, dtype)
+        assert call(kernel, one, out=out) is out
+        np.testing.assert_array_equal(out, wanted[k])
+    lists = {name: value[0].tolist() for name, value in given.items()}
+    np.testing.assert_array_equal(call(kernel, lists), wanted[0])
+    stacked = {name: value[:36].reshape(4, 9, -1) for name, value in given.items()}
+    np.testing.assert_array_equal(call(kernel, stacked), wanted[:36].reshape(4, 9, *shape))
+
+
+def test_a_result_at_any_stride_is_written_in_place() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('ur5'), quantity='inertia_matrix')
+    q = arguments(kernel)['q']
+    wanted = kernel(q)
+    for out in (
+        np.empty((6, COUNT, 6)).transpose(1, 2, 0),
+        np.empty((COUNT, 6, 12))[:, :, ::2],
+        np.empty((36, COUNT)).T.reshape(COUNT, 6, 6),
+    ):
+        assert kernel(q, out=out) is out
+        np.testing.assert_array_equal(out, wanted)
+    assert kernel(np.asfortranarray(q)).strides[0] == 8
+
+
+def test_effects_that_a_quantity_does_not_have_are_left_out_of_its_scene() -> None:
+    robot = pfd.load_robot('ur5')
+    whole = pfd.Scene(damping=[0.1] * 6, brakes=True, friction=[1.0] * 6, armature=[0.2] * 6)
+    kernel = pfd.compile_kernel(robot, scene=whole, quantity='inertia_matrix')
+    assert kernel.scene == pfd.Scene(armature=[0.2] * 6)
+    bare = pfd.compile_kernel(robot, scene=pfd.Scene(), quantity='bias_torques')
+    braked = pfd.compile_kernel(robot, scene=pfd.Scene(brakes=True), quantity='bias_torques')
+    assert bare.operations == braked.operations
+    with pytest.raises(ValueError, match=r'friction.* over a step of time'):
+        pfd.compile_kernel(robot, scene=whole)
+
+
+@pytest.mark.parametrize('type', ['prismatic', 'revolute'])
+def test_an_argument_that_no_result_depends_on_is_still_taken(type: str) -> None:
+    robot = pfd.Robot(
+        'one', ('a',), (type,), np.eye(3)[np.newaxis], np.zeros((1, 3)), [2.0],
+        np.zeros((1, 3)), np.eye(3)[np.newaxis],
+    )  # fmt: skip
+    H = pfd.compile_kernel(robot, quantity='inertia_matrix')
+    assert H([0.3]).item() == (2.0 if type == 'prismatic' else 1.0)
+    np.testing.assert_array_equal(H(np.zeros((40, 1))), np.full((40, 1, 1), H([0.0]).item()))
+    with pytest.raises(ValueError, match='q must be finite'):
+        H([np.nan])

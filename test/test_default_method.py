@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Accuracy of the default method on mechanisms in unusual proportions."""
+"""The default method: what it is for a robot and a scene, and its accuracy on odd mechanisms."""
 
 from __future__ import annotations
 
@@ -9,15 +9,19 @@ from typing import Any
 from bridge import (
     FEW_JOINTS,
     MANY_JOINTS,
+    STEP_KIND,
     KernelSpec,
     method_cost,
     method_roundings,
     resolve_plant,
     select_method,
 )
+import numpy as np
+from oracle import Oracle, jacobi_condition, relative
 import pytest
+from tolerances import ACCELERATION
 from urdf_models import exact_angles, example
-from zoo import without_mass
+from zoo import random_chain, random_state, without_mass
 
 from benchmarks.cases.problems import (
     CASES,
@@ -29,7 +33,7 @@ from benchmarks.cases.problems import (
     scaled,
 )
 from benchmarks.cases.problems import problem as states_of
-from benchmarks.cases.robots import chain, coaxial, mechanism
+from benchmarks.cases.robots import chain, coaxial, mechanism, uniform_chain
 from benchmarks.cases.robots import robot as robot_called
 from benchmarks.pages.hard_cases import (
     COMPARED,
@@ -45,8 +49,6 @@ import pfd_core as pfd
 
 # Forward dynamics of an ordinary arm of six joints errs by up to 16 units of rounding.
 LAST_DIGITS = 32 * 2.0**-53
-
-
 # Five turns on one axis, with small links between.
 COAXIAL = links(
     'zzzzzy',
@@ -97,21 +99,42 @@ def test_the_default_keeps_the_digits_where_pivots_lose_them(problem: Problem) -
     assert error(problem) < LAST_DIGITS
 
 
-def selected(robot: pfd.Robot, **options: Any) -> tuple[str, int]:
-    """Return the method and the steps of refinement of a kernel."""
-    spec = KernelSpec(robot, pfd.Scene(), **options)
-    return spec.method, spec.refine
-
-
-FACTOR, BODIES = 'composite_body', 'grouped_articulated_body'
+FACTOR, BODIES = FEW_JOINTS, MANY_JOINTS
 DERIVATIVES: dict[str, Any] = {'quantity': 'derivatives'}
+STEP: dict[str, Any] = {'quantity': STEP_KIND}  # nothing is refined there
+WHOLE = pfd.Scene(external_wrench=True, brakes=True)
+# A robot, options of its kernel, and the method and the steps of refinement that follow.
 SELECTED: list[tuple[pfd.Robot, dict[str, Any], tuple[str, int]]] = [
     # The included arms need no refinement.
     *((pfd.load_robot(name), {}, (FACTOR, 0)) for name in ('puma560', 'ur5')),
     *((pfd.load_robot(name), {}, (BODIES, 0)) for name in ('panda', 'planar2')),
     # Rods do; a named method is not refined.
-    (chain(6, 'y'), {}, ('composite_body', 1)),
+    (chain(6, 'y'), {}, (FACTOR, 1)),
     (chain(6, 'y'), {'method': FACTOR}, (FACTOR, 0)),
+    # Composite bodies in a step of an arm, articulated bodies for long chains.
+    *((pfd.load_robot(name), STEP, (FACTOR, 0)) for name in ('ur5', 'panda')),
+    (uniform_chain(16), STEP, (BODIES, 0)),
+    (uniform_chain(16), {}, (BODIES, 1)),
+    (uniform_chain(20), {'method': FACTOR}, (FACTOR, 0)),
+    # Refinement of ordinary arms, and of a joint without mass that only a brake can hold.
+    *(
+        (pfd.load_robot(name), {'refine': 1, 'scene': scene}, (FACTOR, 1))
+        for name in pfd.known_robots()
+        for scene in (pfd.Scene(), WHOLE)
+    ),
+    (
+        without_mass(uniform_chain(3), [2]),
+        {'refine': 1, 'scene': pfd.Scene(brakes=True)},
+        (FACTOR, 1),
+    ),
+    # The inertia between two joints on one axis is what is left of a diagonal of about 1: below
+    # 1e-6 of it, refinement cannot correct the cancelled pivot.
+    *(
+        (coaxial(inertia), options, (method, options.get('refine', 0)))
+        for inertia, method in ((1e-4, FACTOR), (1e-12, BODIES), (1e-18, BODIES))
+        for options in (STEP, {'refine': 1})
+    ),
+    (coaxial(1e-18), {'method': FACTOR, 'refine': 1}, (FACTOR, 1)),
     # Derivatives: of ordinary arms; where the factor of H loses digits; where rounded grouped
     # parameters do, too.
     *((robot_called(name), DERIVATIVES, (FACTOR, 0)) for name in ('puma560', 'panda', 'ur10')),
@@ -126,7 +149,8 @@ SELECTED: list[tuple[pfd.Robot, dict[str, Any], tuple[str, int]]] = [
 def test_the_default_is_the_cheapest_accurate_method(
     robot: pfd.Robot, options: dict[str, Any], wanted: tuple[str, int]
 ) -> None:
-    assert selected(robot, **options) == wanted
+    spec = KernelSpec(robot, **{'scene': pfd.Scene()} | options)
+    assert (spec.method, spec.refine) == wanted
 
 
 def test_a_default_without_refinement_takes_up_to_1_15_times_the_operations() -> None:
@@ -146,11 +170,6 @@ def test_units_of_length_and_mass_do_not_change_the_selection() -> None:
     small, plain = (scaled(unit, unit).plant for unit in (2.0**-20, 1.0))
     for method in (FEW_JOINTS, MANY_JOINTS):
         assert method_roundings(small, method) == method_roundings(plain, method)
-
-
-def test_a_joint_that_only_brakes_can_hold_is_not_compared() -> None:
-    plant = resolve_plant(without_mass(chain(3, 'yz'), [2]), pfd.Scene(brakes=True))
-    assert method_roundings(plant, 'composite_body') == 0.0
 
 
 FAST = {'collinear_axes_1e-12', 'planar_ratio_100', 'ordinary_ur5'}
@@ -216,3 +235,29 @@ def test_a_row_is_over_its_limit_above_twice_the_peer_s_error_and_four_roundings
     ):
         assert over_limit({'default': [1.0, own], PEER: peer}) == share
     assert over_limit({'default': [1.0, 9.0]}) == 0.0
+
+
+# ---- long chains ----
+
+
+@pytest.mark.parametrize('n', [30, *(pytest.param(n, marks=LONG) for n in (100, 200))])
+def test_a_long_chain_agrees_with_pinocchio(n: int) -> None:
+    rng = np.random.default_rng(n)
+    kernel = pfd.compile_kernel(random_chain(rng, n))
+    assert kernel.method == MANY_JOINTS
+    assert '@part1.1(' in kernel.ir
+    oracle = Oracle(kernel.robot)
+    for _ in range(3):
+        q, qd, tau = random_state(rng, n)
+        tolerance = ACCELERATION * jacobi_condition(oracle.H(q))
+        assert relative(kernel(q, qd, tau), oracle.qdd(q, qd, tau)) < tolerance
+
+
+@pytest.mark.parametrize('n', [8, *(pytest.param(n, marks=LONG) for n in (11, 15))])
+def test_auto_counts_in_between_and_takes_the_cheaper(n: int) -> None:
+    rng = np.random.default_rng(62)
+    for scene in (None, pfd.Scene(armature='model')):
+        plant = resolve_plant(random_chain(rng, n), scene)
+        costs = {method: method_cost(plant, method) for method in (FEW_JOINTS, MANY_JOINTS)}
+        method, _ = select_method(plant, use='step')
+        assert costs[method] == min(costs.values())

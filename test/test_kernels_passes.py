@@ -1,10 +1,12 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Lowering of random programs: what each part keeps, and what it saves."""
+"""A program made shorter, and its code in parts: what each pass keeps, and what it saves."""
 
 from __future__ import annotations
 
+import bridge
 from bridge import (
+    Optimisation,
     Recorder,
     can_be_ordered,
     eliminate_dead_code,
@@ -16,8 +18,10 @@ from bridge import (
     schedule_program,
 )
 import numpy as np
+from oracle import assert_bits_of_the_emulator
 import pytest
 from sampling import one_fast
+from zoo import random_chain, random_state
 
 import pfd_core as pfd
 
@@ -101,3 +105,45 @@ def test_a_parallel_program_is_refused() -> None:
     recorder.output('y', (1,), [(recorder.input('x', [0, 1]), 0)])
     with pytest.raises(ValueError, match='recorded must be a sequential program, got 2 lanes'):
         lower_program(recorder.program(), 'float64')
+
+
+# ---- code in parts ----
+
+
+@pytest.fixture
+def cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Kernels on disk do not depend on where they were cut.
+    monkeypatch.setenv('PFD_CACHE', '')
+    monkeypatch.setattr(*bridge.target('GENERATE_LONGEST'), 0)
+    monkeypatch.setattr(*bridge.target('GENERATE_PART'), 37)
+
+
+@pytest.mark.usefixtures('cut')
+@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+@pytest.mark.parametrize('method', ['composite_body', 'grouped_articulated_body', 'pcgm'])
+@pytest.mark.slow
+def test_a_kernel_in_parts_gives_the_emulators_bits(method: str, dtype: str) -> None:
+    rng = np.random.default_rng(61)
+    scene = pfd.Scene(external_wrench=True, brakes=True, armature='model')
+    kernel = pfd.compile_kernel(random_chain(rng, 4), method=method, scene=scene, dtype=dtype)
+    # A loop is never cut.
+    assert ('@part1.1(' in kernel.ir) == (method != 'pcgm')
+    assert_bits_of_the_emulator(kernel, rng)
+
+
+@pytest.mark.slow
+def test_the_code_of_a_long_program_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('PFD_CACHE', '')
+    states = [random_state(np.random.default_rng(k), 7) for k in range(9)]
+    emit = bridge.emit_object
+    results = []
+    for long in (False, True):
+        usual = Optimisation(long=long)
+        monkeypatch.setattr(
+            *bridge.target('emit_object'),
+            lambda ir, target, _, usual=usual: emit(ir, target, usual),
+        )
+        kernel = pfd.compile_kernel(pfd.load_robot('panda'))
+        batch = kernel(*(np.array(part) for part in zip(*states, strict=True)))
+        results.append([batch.tobytes(), *(kernel(*state).tobytes() for state in states)])
+    assert results[0] == results[1]

@@ -109,9 +109,9 @@ def inhabited(domain: int) -> bool:
 
 
 @contextmanager
-def claimed_domain() -> Iterator[int]:
-    """Claim a domain, and set it in the environment of child processes."""
-    with own_domain() as domain:
+def claimed_domain(start: int | None = None) -> Iterator[int]:
+    """Claim a domain, as own_domain, and set it in the environment of child processes."""
+    with own_domain(start) as domain:
         before, chosen = dict(os.environ), environment(os.environ, domain)
         changed = {name for name, _ in before.items() ^ chosen.items()}
         _take_over(chosen, changed)

@@ -3,20 +3,23 @@
 """The pytest plugin: fixtures sim_arm, sim_node, controller_process and ros_domain.
 
 pytest loads it in every session of an environment in which this package is installed, so nothing
-but pytest is imported before a test uses a fixture. Each worker of pytest-xdist is a process with
-a separate domain.
+but pytest is imported before a test uses a fixture.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
+from itertools import count
+import os
 from typing import Any
 
 import pytest
 
 # The arms of a test, by its node.
 ARMS = pytest.StashKey[list[Any]]()
+# Each test has another domain: a node that a failed test left would be a peer in the next one.
+_started = count(os.getpid())
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -106,26 +109,16 @@ def controller_process(ros_domain: int) -> Iterator[Callable[..., Any]]:
 
 
 @pytest.fixture
-def ros_domain(request: pytest.FixtureRequest) -> Iterator[int]:
-    """Initialise rclpy for a test, in a domain that no other worker uses; return the domain.
+def ros_domain() -> Iterator[int]:
+    """Initialise rclpy for a test, in a domain that no other test uses; return the domain.
 
     If rclpy is initialised already, its context and domain are used.
     """
-    from pfd_ros.testing.domains import current_domain, initialised
+    from pfd_ros.testing.domains import claimed_domain, current_domain, initialised
 
     domain = current_domain()
     if domain is not None:
         yield domain
         return
-    domain = request.getfixturevalue('_own_ros_domain')
-    with initialised(domain):
-        yield domain
-
-
-@pytest.fixture(scope='session')
-def _own_ros_domain() -> Iterator[int]:
-    """Claim a domain for this process and the processes that its tests start."""
-    from pfd_ros.testing.domains import claimed_domain
-
-    with claimed_domain() as domain:
+    with claimed_domain(next(_started)) as domain, initialised(domain):
         yield domain

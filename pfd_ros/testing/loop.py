@@ -95,7 +95,9 @@ def run(engine: Engine, step: Step, link: Link, rows: Rows, allowed: Collection[
         # States and clock ticks may have periods of their own.
         every = math.gcd(every, settings.clock_every) if settings.publish_clock else every
     messages = [] if link.silent else engine.present()
-    published, k, count = True, 0, len(rows.time)
+    # Whether each round ends in a published state.
+    always = every == settings.publish_every and not settings.drop_state
+    published, k, count, accepted = True, 0, len(rows.time), [ACCEPTED]
     while True:
         time, measured = seconds_of(engine.stamp_ns), engine.measured()
         if published:
@@ -109,12 +111,12 @@ def run(engine: Engine, step: Step, link: Link, rows: Rows, allowed: Collection[
         if commands:
             rows.compute_time[k - 1] = link.seconds
         messages, verdicts = step(commands, every)
-        for i, verdict in enumerate(verdicts):
-            if verdict is not ACCEPTED or commands[i][0] == NAMED:
-                found = rejection(commands[i], verdict, engine.names)
+        if verdicts != accepted or not link.silent:
+            for command, verdict in zip(commands, verdicts, strict=True):
+                found = rejection(command, verdict, engine.names)
                 if found is not None and found.label not in allowed:
                     raise link.rejected(time, found)
-        published = engine.published
+        published = always or engine.published
 
 
 def rejection(command: Command, verdict: Verdict, names: Sequence[str]) -> Verdict | None:

@@ -15,6 +15,7 @@ not promise it. `notes` reports what is seen of nodes that are not repeatable.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 import math
 from time import perf_counter, time_ns
 from typing import Any
@@ -60,6 +61,8 @@ COMMANDS = (NAMED, ARRAY)
 # would be twice as fast, but then the clock that a state's callback reads is before its tick or
 # after it by chance.
 AFTER_STATE, AFTER_TICK = 2, 3
+# A node by itself that answered so many states with one command each is done with its command.
+KNOWN = 20
 # The graph has to stay the same for so long before the first state, s; a first request without
 # reply is repeated after AGAIN; a wait is at most LOOK long, and the graph is read as often.
 QUIET_SECONDS, AGAIN_SECONDS, LOOK_SECONDS = 0.2, 0.5, 0.05
@@ -125,15 +128,11 @@ class _WithoutTimers:
 
     timers = ()
 
-    def __init__(self, node: Node, polled: Sequence[Any] = ()) -> None:
-        self._node, self._polled, self.executor = node, polled, None
+    def __init__(self, node: Node) -> None:
+        self._node, self.executor = node, None
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._node, name)
-
-    @property
-    def subscriptions(self) -> list[Any]:
-        return [one for one in self._node.subscriptions if one not in self._polled]
 
 
 class _Executor:
@@ -203,7 +202,7 @@ class NodeLink:
         roles |= {DESCRIPTION} if settings.publish_description else set()
         writes = PublisherEventCallbacks(use_default_callbacks=False)
         reads = SubscriptionEventCallbacks(use_default_callbacks=False)
-        # Compatible with best-effort and with reliable publishers; messages are taken by _drain.
+        # Compatible with best-effort and with reliable publishers.
         served = QoSProfile(depth=COMMAND_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         ends = {
             role: (message_class(row.type), topic_of(self._node, row.topic, topics.get(role, '')))
@@ -217,15 +216,22 @@ class NodeLink:
         }
         self._commands = {
             role: self._node.create_subscription(
-                *ends[role], lambda data: None, served, raw=True, event_callbacks=reads
+                *ends[role],
+                partial(self._on_command, role),
+                served,
+                raw=True,
+                event_callbacks=reads,
             )
             for role in COMMANDS
         }
+        for end in self._commands.values():
+            # The executor passes the message with its information as one argument.
+            end._callback_type = end.CallbackType.WithMessageInfo
         if settings.publish_description:
             self._publishers[DESCRIPTION].publish(encode_string(described.text))
         # What rclpy.experimental has around it enables faulthandler, which needs a real stderr.
         self._events = rclpy_implementation.EventsExecutor(get_default_context())
-        self._events.add_node(_WithoutTimers(self._node, list(self._commands.values())))
+        self._events.add_node(self._node)
         self._executor = _Executor(self._events)  # nodes have weak references to it
         for node in self._nodes:
             node.executor = self._executor
@@ -235,6 +241,7 @@ class NodeLink:
         self._came: list[tuple[str, bytes, int]] = []
         self._after: set[str] = set()  # roles of the messages that commands followed
         self._time, self._commanded, self._looked = 0.0, math.nan, 0.0
+        self._single = 0.0  # states that had one command each
         self._answers, self._watch = 0, Watch(math.inf)
         self.seconds, self.notes, self._noted = math.nan, list[str](), set[str]()
 
@@ -282,8 +289,8 @@ class NodeLink:
         self._counts, roles = matched, [role for role, _ in ends]
         self._read = [role for role in self._publishers if role in roles]
         self._ticks, self._several = CLOCK in roles, roles.count('commands') > 1
-        # Whether all that can happen is one callback of one peer.
-        alone = len(self._peers) == 1 and not self._nodes
+        # Whether all that a message causes is one callback of one node.
+        alone = len(self._peers) + len(self._nodes) == 1
         self._answers_states = alone and self._read == [STATES] and roles.count(STATES) == 1
         for peer in self._peers.values():
             peer.pending = []
@@ -291,7 +298,6 @@ class NodeLink:
         if any(peer.threaded for peer in self._peers.values()):
             topic = '/parameter_events'
             self._node.create_subscription(ParameterEvent, topic, self._on_event, COMMAND_DEPTH)
-            self._events.wake()
         self._drain()
         self._came.clear()
 
@@ -303,7 +309,6 @@ class NodeLink:
         }
         for name in sorted(names - here - self._peers.keys()):
             self._peers[name] = _Peer(self._node, name)
-            self._events.wake()
         self._peers = {name: self._peers[name] for name in sorted(self._peers.keys() & names)}
         for peer in self._peers.values():
             if peer.sim_time is None:
@@ -355,6 +360,10 @@ class NodeLink:
         if sum(matched) != len(roles) - roles.count('events') or UNKNOWN_NODE in str(ends):
             yield 'topics are not connected'
 
+    def _on_command(self, role: str, *taken: Any) -> None:
+        data, info = taken[0] if len(taken) == 1 else taken
+        self._came.append((role, data, info['source_timestamp']))
+
     def _on_event(self, event: ParameterEvent) -> None:
         if event.node in self._peers:
             stamp = event.stamp
@@ -388,24 +397,39 @@ class NodeLink:
         return self._commands_of(sent)
 
     def _commands_of(self, sent: dict[str, int]) -> list[Command]:
-        """Return the commands that came, and note those that no message of the arm explains."""
+        """Return the commands that came after messages were sent, by role at times [ns]."""
         came, self._came = self._came, []
-        first = min(sent.values(), default=0)
-        for _, _, when in came if self._peers else ():
-            if when < first:
+        if self._peers:
+            self._note_unexplained(came, sent)
+        if self._answers_states:
+            if len(came) == 1 and came[0][2] >= sent.get(STATES, 0) and not self._timers:
+                self._single += 1
+            else:
+                if self._single >= KNOWN:
+                    self._note('a node answers some states more than once')
+                self._single = -math.inf
+        if came:
+            when = came[0][2]
+            begun = sent.get(CLOCK, when)
+            self.seconds = (
+                when - (begun if begun < when else sent.get(STATES, when))
+            ) / NANOSECONDS
+            self._answers += len(came)
+        if len(came) > 1:
+            # The order between topics is chance: by topic, and in the order of each.
+            came.sort(key=lambda command: COMMANDS.index(command[0]))
+        return [(role, data) for role, data, _ in came]
+
+    def _note_unexplained(self, came: Sequence[Any], sent: dict[str, int]) -> None:
+        """Note commands of peers that no message of the arm explains."""
+        for _, _, when in came:
+            if when < min(sent.values(), default=0):
                 self._note(LATE)
             self._after.add(CLOCK if when >= sent.get(CLOCK, math.inf) else STATES)
+        if self._several and len(came) > 1:
+            self._note('several nodes commanded at once: their order is chance')
         if len(self._after) == 2 and not self._several:
             self._note(BOTH)
-        if self._several and len(came) > 1 and self._peers:
-            self._note('several nodes commanded at once: their order is chance')
-        if came:
-            begun = max((when for when in sent.values() if when <= came[0][2]), default=first)
-            self.seconds = (came[0][2] - begun) / NANOSECONDS
-        self._answers += len(came)
-        # The order between topics is chance: by topic, and in the order of each.
-        came.sort(key=lambda command: COMMANDS.index(command[0]))
-        return [(role, data) for role, data, _ in came]
 
     def _wait_for_answer(self) -> None:
         """Wait for a command to a state; without a clock nothing else can make a node command."""
@@ -413,7 +437,7 @@ class NodeLink:
         # The nodes said that they were done: a command that comes now is late.
         late = not self._came
         while not self._came:
-            self._spin(Future(), LOOK_SECONDS / 50)
+            self._wait_for_command()
             self._drain()
             self._check_processes()
             if perf_counter() > deadline:
@@ -428,12 +452,25 @@ class NodeLink:
                     f'{said}, and the nodes have finished their callbacks{self._outputs()}'
                 )
         if late and self._peers:
+            self._single = -math.inf
             self._note(LATE)
+
+    def _wait_for_command(self) -> None:
+        """Run callbacks until a command comes, for a short time at most."""
+        # Timers on wall time are looked at between.
+        until = perf_counter() + (LOOK_SECONDS / 50 if self._timers else LOOK_SECONDS)
+        while not self._came and (left := until - perf_counter()) > 0.0:
+            self._spin(None, left)
 
     def _settle(self, role: str, stamp_ns: int) -> None:
         """Return when every node has done all that follows from the last message."""
-        self._drain()
-        if self._answers_states:
+        if self._answers_states and self._single >= KNOWN:
+            self._wait_for_command()
+            if self._came:
+                return
+        if self._nodes:
+            self._drain()
+        if self._answers_states and self._peers:
             # A command that came before a reply shows that the callback has run.
             for _ in range(AFTER_STATE):
                 self._barrier(1, role, stamp_ns)
@@ -463,7 +500,8 @@ class NodeLink:
                         f'node {peer.name!r} does not finish what follows the {role} message '
                         f'within {self._patience:g} s {self._where()}: {why}{self._outputs()}'
                     )
-        self._drain()
+        if self._nodes:
+            self._drain()
 
     def _drain(self) -> None:
         """Run nodes of this process until nothing is ready, and take the commands."""
@@ -484,16 +522,16 @@ class NodeLink:
                 self._events.create_task(timer.callback)
             if perf_counter() > deadline:
                 raise NoAnswerError(f'timers are due without end {self._where()}')
-        for role, end in self._commands.items():
-            while (taken := end.handle.take_message(end.msg_type, True)) is not None:
-                self._came.append((role, taken[0], taken[1]['source_timestamp']))
 
-    def _spin(self, future: Future, seconds: float) -> None:
-        """Run callbacks until a future is done, for so long at most."""
+    def _spin(self, future: Future | None, seconds: float) -> None:
+        """Run callbacks until a future is done, or one without a future, for so long at most."""
         watch = self._watch
         watch.since = perf_counter()
         try:
-            self._events.spin_until_future_complete(future, seconds)
+            if future is None:
+                self._events.spin_once(seconds)
+            else:
+                self._events.spin_until_future_complete(future, seconds)
             watch.since = 0.0
         except BlockedError:
             pass

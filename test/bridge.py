@@ -45,7 +45,6 @@ NAMES = {
     'network_wiring': 'pfd_core.paper.networks:wiring',
     'OPERATIONS': 'pfd_core.machine.operations:OPERATIONS',
     'packed': 'pfd_core.paper.lanes:packed',
-    'pattern_collect': 'pfd_core.paper.lanes:collect',
     'pattern_column_sweep': 'pfd_core.paper.patterns:column_sweep',
     'pattern_gather': 'pfd_core.paper.lanes:gather',
     'pattern_prefix': 'pfd_core.paper.patterns:prefix',
@@ -184,7 +183,6 @@ NAMES = {
     'fastest_decay': 'pfd_core.simulation.stiffness:fastest_decay',
     'inertia_matrices': 'pfd_core.simulation.stiffness:inertia_matrices',
     # benchmarks: robots of its cases
-    'coaxial_robot': 'benchmarks.cases.robots:coaxial',
     'report_robot': 'benchmarks.cases.robots:robot',
     'uniform_chain_robot': 'benchmarks.cases.robots:uniform_chain',
     # pfd_ros.messages: bytes of ROS 2 messages -> arrays and back

@@ -17,7 +17,6 @@ from bridge import (
     lane_broadcast,
     on_lane,
     packed,
-    pattern_collect,
     pattern_column_sweep,
     pattern_gather,
     pattern_prefix,
@@ -218,21 +217,6 @@ def test_gather_takes_each_element_from_where_it_lies(schedule: str) -> None:
         sent = {(r, source) for lane, (r, source) in wanted.items() if source != lane}
         busiest = max(Counter(source for _, source in sent).values(), default=0)
         assert steps == pfd.Steps(routes=busiest if schedule != 'sequential' else 0)
-
-
-def test_collect_is_free_and_keeps_every_lane_its_own_and_nothing_is_refused() -> None:
-    def record(recorder: Recorder) -> Places:
-        a, b = (recorder.input(name, range(4)) for name in 'ab')
-        found = pattern_collect({0: b, 1: a, 3: on_lane(b, [3])})
-        assert found.defined == 0b1011
-        return [(found, lane) for lane in (0, 1, 3)]
-
-    y, steps = outcome(4, 'parallel', record, a=np.arange(4.0), b=np.arange(10.0, 14.0))
-    np.testing.assert_array_equal(y, [10, 1, 13])
-    assert steps == pfd.Steps()
-    for pattern, name in ((pattern_gather, 'gather'), (pattern_collect, 'collect')):
-        with pytest.raises(ValueError, match=f'{name}: no lane is named'):
-            pattern({})
 
 
 # ---- packed rows -----------------------------------------------------------------------------

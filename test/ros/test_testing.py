@@ -360,7 +360,7 @@ ROWS: list[tuple[str, type[Exception], dict[str, str]]] = [
         ControllerError,
         dict.fromkeys(
             ('callback', 'states', 'timer'),
-            rf'the controller blocks: no answer for 0\.6 s to the state {AFTER}; it is here:\n'
+            rf'the controller blocks: no answer for 1 s to the state {AFTER}; it is here:\n'
             r'(.|\n)*tested_controllers\.py(.|\n)*time\.sleep',
         ),
     ),
@@ -369,14 +369,14 @@ ROWS: list[tuple[str, type[Exception], dict[str, str]]] = [
         ControllerError,
         dict.fromkeys(
             ('callback', 'states', 'timer'),
-            rf'the controller blocks: no answer for 0\.6 s to the state {AT}, after 2\d answers',
+            rf'the controller blocks: no answer for 1 s to the state {AT}, after 2\d answers',
         ),
     ),
     (
         'blocks',
         NoAnswerError,
         {
-            'process': r"node '/pd' does not finish what follows the clock message within 0\.6 s "
+            'process': r"node '/pd' does not finish what follows the clock message within 1 s "
             rf'{AFTER}: it blocks or is gone; the process .* runs; it printed nothing'
         },
     ),
@@ -384,7 +384,7 @@ ROWS: list[tuple[str, type[Exception], dict[str, str]]] = [
         'stops',
         NoAnswerError,
         {
-            'states': rf'no answer for 0\.6 s to the state {AT}: commands stopped after {BEFORE} '
+            'states': rf'no answer for 1 s to the state {AT}: commands stopped after {BEFORE} '
             'answers, and the nodes have finished their callbacks',
             'timer': rf'no command since {AT[3:]}, {AFTER}: the nodes have finished their callback'
             r's; one is expected every 0\.002 s',
@@ -395,7 +395,7 @@ ROWS: list[tuple[str, type[Exception], dict[str, str]]] = [
         'never',
         NoAnswerError,
         {
-            'states': r"no answer for 0\.6 s to the state at t = 0\.001 s: \['/pd'\] never p",
+            'states': r"no answer for 1 s to the state at t = 0\.001 s: \['/pd'\] never p",
             'timer': r'no command in 0\.1 s, though the nodes have finished their callbacks',
         },
     ),
@@ -440,7 +440,8 @@ def test_a_fault_is_one_error_that_says_where_and_why(
             period = None if way == 'states' else 0.002
             call = partial(arm.spin, 0.1, one, controller_period=period)
         with pytest.raises(kind, match=text):
-            call(patience=0.6)
+            # Only what is waited for in vain is waited for shortly: a busy machine is slow.
+            call(patience=1.0 if '1 s ' in text else 60.0)
 
 
 @pytest.fixture

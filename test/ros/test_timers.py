@@ -51,7 +51,7 @@ def spin(domain: int) -> Callable[..., Trajectory]:
 @pytest.mark.parametrize(
     ('kind', 'runs'),
     [
-        *((kind, 3) for kind in ('states', 'timer', 'filter', 'two', 'flag', 'lazy')),
+        *((kind, 3) for kind in ('states', 'pairs', 'timer', 'filter', 'two', 'flag', 'lazy')),
         *(pytest.param(kind, 20, marks=pytest.mark.long) for kind in ('filter', 'two')),
     ],
 )
@@ -67,7 +67,7 @@ def test_nodes_of_this_process_have_the_same_bits_in_each_run(
 @pytest.mark.parametrize(
     ('kind', 'runs'),
     [
-        *((kind, 1) for kind in ('states', 'filter', 'two', 'reads')),
+        *((kind, 1) for kind in ('states', 'pairs', 'filter', 'two', 'reads')),
         *(pytest.param(kind, 20, marks=pytest.mark.long) for kind in ('filter', 'two', 'cpp')),
     ],
 )
@@ -191,6 +191,15 @@ def test_what_is_not_repeatable_in_other_processes_is_noted(
 ) -> None:
     notes = spin([], kinds, 0.1).notes
     assert any(note.startswith(f'not repeatable: {text}') for note in notes)
+
+
+@pytest.mark.parametrize('here', [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_a_second_command_to_one_state_after_many_with_one_is_noted(
+    here: bool, spin: Callable[..., Trajectory]
+) -> None:
+    notes = spin(['twice'] * here, ['twice'] * (not here)).notes
+    text = 'not repeatable: a node answers some states more than once'
+    assert any(note.startswith(text) for note in notes)
 
 
 def test_a_node_that_joins_the_topics_of_the_arm_is_noted(domain: int) -> None:

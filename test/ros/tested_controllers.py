@@ -71,14 +71,14 @@ def faulty(fault: str = '') -> Callable[[np.ndarray], Any]:
 
 # Periods of the timers of each kind, ms; kinds without a timer answer states.
 TIMERS = {
-    **dict.fromkeys(('states', 'states_on_clock', 'front', 'lazy', 'stamps'), ()),
+    **dict.fromkeys(('states', 'twice', 'pairs', 'front', 'lazy', 'stamps'), ()),
     **dict.fromkeys(('timer', 'wall', 'steady', 'threads'), (2,)),
     **dict.fromkeys(('filter', 'reads', 'flag', 'both', 'back', 'cpp'), (5,)),
     'two': (2, 10),
     'uneven': (3,),
 }
 # Kinds that do not take the time of the arm.
-OWN_TIME = ('states', 'wall', 'stamps')
+OWN_TIME = ('states', 'twice', 'pairs', 'wall', 'stamps')
 
 
 def node_of(kind: str, fault: str = '') -> Any:
@@ -132,8 +132,10 @@ def node_of(kind: str, fault: str = '') -> Any:
             if kind == 'reads':
                 # The tick of this state comes after it: the clock is at the state before.
                 self.slow *= 1.0 + 1e-9 * self.get_clock().now().nanoseconds % 0.01
-            if kind in ('states', 'states_on_clock', 'both'):
+            if kind in ('states', 'twice', 'pairs', 'both'):
                 self.send(pd(q, self.slow))
+            if kind == 'pairs' or (kind == 'twice' and self.count == 60):
+                self.send(pd(q, 2.0 * self.slow))
             if kind == 'front':
                 self.send(self.slow)
             if kind == 'lazy' and self.count == 3:

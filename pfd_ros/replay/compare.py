@@ -27,6 +27,10 @@ from pfd_ros.text import listed
 
 # Correlation of positions below which an estimated lag means nothing.
 WEAK = 0.5
+# Times, values of a and of b, (N,).
+Curve = tuple[Array, Array, Array]
+# By topic, field and joint.
+Curves = dict[tuple[str, str, str], Curve]
 
 
 @dataclass(frozen=True)
@@ -75,9 +79,7 @@ class Comparison:
     differences: tuple[Difference, ...]
     only_in_a: tuple[str, ...]
     only_in_b: tuple[str, ...]
-    curves: dict[tuple[str, str, str], tuple[Array, Array, Array]] = field(
-        repr=False, compare=False
-    )
+    curves: Curves = field(repr=False, compare=False)
 
     @property
     def within(self) -> bool:
@@ -251,10 +253,7 @@ def _span(times: Sequence[Array]) -> tuple[float, float]:
     )
 
 
-Series = tuple[Array, Array, Array]
-
-
-def _aligned(joint: _Joint, item: str, offset: float) -> tuple[Series, tuple[int, int]]:
+def _aligned(joint: _Joint, item: str, offset: float) -> tuple[Curve, tuple[int, int]]:
     """Return times, values of a and of b, and how many values only one of them has."""
     own, one, others, two = joint.time_a, joint.a[item], joint.time_b - offset, joint.b[item]
     finite, seen = np.isfinite(one), np.isfinite(two)
@@ -271,7 +270,7 @@ def _aligned(joint: _Joint, item: str, offset: float) -> tuple[Series, tuple[int
 
 def _interpolated(
     own: Array, one: Array, others: Array, two: Array
-) -> tuple[Series, tuple[int, int]]:
+) -> tuple[Curve, tuple[int, int]]:
     begin, end = max(own[0], others[0]), min(own[-1], others[-1])
     # A value of one log next to a lost one of the other has no partner.
     lost, missed = (
@@ -289,9 +288,7 @@ def _interpolated(
     return (time[common], left[common], right[common]), (len(missed), len(lost))
 
 
-def difference(
-    place: tuple[str, str, str], curve: tuple[Array, Array, Array], tolerance: float
-) -> Difference:
+def difference(place: tuple[str, str, str], curve: Curve, tolerance: float) -> Difference:
     """Return the difference of a curve: time, values of a and of b, (N,)."""
     time, left, right = curve
     with np.errstate(over='ignore'):  # of a simulation that diverges

@@ -85,8 +85,7 @@ class Run:
     first_rejected
         A line about the first of these inputs, or ''.
     failure, failed_ns
-        Why the simulation first failed, and the simulated time after the start; '' and 0 without
-        a failure.
+        Why the simulation first failed, and its last stamp before, ns; '' and 0 without a failure.
     """
 
     accepted: int = 0
@@ -125,7 +124,7 @@ def run_inputs(source: Log | BagInputs, engine: Engine, put: Put, *, nudged: boo
             put(messages, engine.stamp_ns)
             if state.failure and not found.failure:
                 found.failure = state.failure
-                found.failed_ns = engine.stamp_ns - state.origin_ns
+                found.failed_ns = engine.stamp_ns
         if message is None:
             break
         if nudged and message.role == SET_STATE:

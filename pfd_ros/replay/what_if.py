@@ -11,7 +11,7 @@ The new run does not wait for answers: the inputs are known.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 import os
 from pathlib import Path
@@ -45,7 +45,7 @@ from pfd_ros.recording.format import LogError, damage_named
 from pfd_ros.recording.log import Log
 from pfd_ros.recording.recorder import Recorder, topic_names, totals_of
 from pfd_ros.replay.changed_settings import Changes, changed_arm, described_arm, read_changes
-from pfd_ros.replay.compare import Comparison, Difference, compare, difference
+from pfd_ros.replay.compare import Comparison, Curve, Curves, Difference, compare, difference
 from pfd_ros.replay.inputs import BagInputs, Run, one_bit, run_inputs
 from pfd_ros.replay.lag import Array
 from pfd_ros.text import listed
@@ -197,14 +197,17 @@ def what_if(
             raise LogError(
                 f'the new run, in {target}, has no states: the arm waited for its clock'
             )
-        if run.failure and new[topic].time[-1] < old[case.states].time[0]:
+        times = old[case.states].time
+        failed_at = (run.failed_ns - begins[1]) / NANOSECONDS if run.failure else None
+        if failed_at is not None and failed_at < times[0]:
             raise LogError(
                 f'the simulation failed before the first recorded state: {run.failure}; the '
                 f'new run is in {target}'
             )
-        found = compare(old, new, topics=(case.states, topic), lag=0.0)
-        alone = _rounding(case, engine, new, topic, begins[1]).curves if rounding else {}
-        times = old[case.states].time
+        found = _up_to(failed_at, compare(old, new, topics=(case.states, topic), lag=0.0))
+        alone: Curves = {}
+        if rounding:
+            alone = _up_to(failed_at, _rounding(case, engine, new, topic, begins[1])).curves
     limits = dict(zip(JOINT_FIELDS, map(float, thresholds), strict=True))
     recorded, own = case.arrays[case.states], {*engine.names, *engine.locked}
     bag = case.source if isinstance(case.source, BagInputs) else None
@@ -220,8 +223,8 @@ def what_if(
         thresholds=tuple(limits.values()),
         divergences=tuple(
             # Between two recorded states efforts jump, and interpolated ones would differ.
-            difference(place, _at(times, *curve), limits[place[1]])
-            for place, curve in found.curves.items()
+            difference(place, curve, limits[place[1]])
+            for place, curve in _at(times, found.curves)
         ),
         rounding=tuple(
             difference(place, curve, limits[place[1]]) for place, curve in alone.items()
@@ -229,7 +232,7 @@ def what_if(
         only_in_log=tuple(name for name in recorded.names if name not in own),
         only_in_arm=tuple(name for name in engine.names if name not in recorded.names),
         failure=run.failure,
-        failed_at=run.failed_ns / NANOSECONDS if run.failure else None,
+        failed_at=failed_at,
         rejected=dict(run.rejected),
         first_rejected=run.first_rejected,
         times=bag.times if bag else '',
@@ -239,10 +242,28 @@ def what_if(
     )
 
 
-def _at(times: Array, own: Array, *curves: Array) -> tuple[Array, Array, Array]:
-    """Return a curve's own times and values at some times."""
-    time, left, right = (values[np.isin(own, times)] for values in (own, *curves))
-    return time, left, right
+def _up_to(end: float | None, found: Comparison) -> Comparison:
+    """Return a comparison up to the time of a failure [s], None without one.
+
+    A reset lets the new run go on, so it may have later states.
+    """
+    if end is None:
+        return found
+    kept = {place: int(np.sum(curve[0] <= end)) for place, curve in found.curves.items()}
+    curves = {
+        place: (time[: kept[place]], left[: kept[place]], right[: kept[place]])
+        for place, (time, left, right) in found.curves.items()
+        if kept[place]
+    }
+    return replace(found, curves=curves)
+
+
+def _at(times: Array, curves: Curves) -> Iterator[tuple[tuple[str, str, str], Curve]]:
+    """Yield a curve's own times and values at some times, if it has any."""
+    for place, (own, left, right) in curves.items():
+        chosen = np.isin(own, times)
+        if chosen.any():
+            yield place, (own[chosen], left[chosen], right[chosen])
 
 
 def _begins(case: _Case, engine: Engine) -> tuple[int, int]:

@@ -429,6 +429,20 @@ def test_a_run_that_overflows_says_when(swing: Path) -> None:
     assert back.seconds == pytest.approx(0.4)
 
 
+def test_nothing_after_a_failure_is_compared_though_a_reset_lets_the_arm_go_on(
+    tmp_path: Path,
+) -> None:
+    events = {3: [efforts(1.0, 1.0)], 100: [request('reset')], 120: [efforts(1.0, 1.0)]}
+    simulate(tmp_path / 'a.mcap', 200, events)
+    found = what_if(tmp_path / 'a.mcap', ['damping=[1e6, 1e6]', 'integrator=rk4'], rounding=True)
+    assert found.failed_at == pytest.approx(0.003)
+    assert read_log(found.log)[STATES].time[-1] > 0.1
+    for item in (*found.divergences, *found.rounding):
+        assert item.largest_at <= found.failed_at
+    for times, _, _ in found.comparison.curves.values():
+        assert times[-1] <= found.failed_at
+
+
 def test_a_run_that_fails_before_the_first_recorded_state_says_so(tmp_path: Path) -> None:
     # The log has a state every 50 ms.
     simulate(tmp_path / 'a.mcap', 100, {3: [efforts(1.0, 1.0)]}, publish_rate=20.0)

@@ -51,6 +51,10 @@ class LogError(ValueError):
     """The file is not a recording, or is damaged, or cannot be simulated."""
 
 
+class OtherLogError(LogError):
+    """The file may be a log, but it is not a recording of this edition."""
+
+
 @contextmanager
 def damage_named(path: Path | str) -> Iterator[None]:
     """Turn each exception that the content of a file causes into a LogError that names the file.
@@ -68,7 +72,7 @@ def damage_named(path: Path | str) -> Iterator[None]:
 
 
 def check_format(path: Path | str, head: Mapping[str, str] | None) -> None:
-    """Raise LogError unless a record HEAD is of this format; None is a file without one."""
+    """Raise OtherLogError unless a record HEAD is of this format; None is a file without one."""
     found = None if head is None else head.get(HeadKey.FORMAT, '')
     if found == FORMAT:
         return
@@ -81,4 +85,4 @@ def check_format(path: Path | str, head: Mapping[str, str] | None) -> None:
         )
     else:
         why = f'has format {cut(found)!r}, expected {FORMAT!r}'
-    raise LogError(one_line(f'{path} {why}'))
+    raise OtherLogError(one_line(f'{path} {why}'))

@@ -23,6 +23,7 @@ from pfd_ros.recording.format import (
     SEQUENCE_MASK,
     HeadKey,
     LogError,
+    OtherLogError,
     check_format,
     damage_named,
 )
@@ -72,7 +73,7 @@ class Log:
         self.end: dict[str, Any] = {}
         self.complete = False
         if self.path.is_dir():
-            raise LogError(f'{path} is a folder, expected the file of a recording')
+            raise OtherLogError(f'{path} is a folder, expected the file of a recording')
         bag = Bag(self.path, expansion)
         next(bag.messages(), None)
         check_format(self.path, bag.head or None)

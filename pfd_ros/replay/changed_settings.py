@@ -40,6 +40,7 @@ GIVEN = {
     'recording_time': 'the log of the new run is in simulated time',
     'lockstep': _KNOWN,
     'wait_for_controller': _KNOWN,
+    'time_source': 'the log says when its arm made steps',
 }
 
 
@@ -92,7 +93,7 @@ def read_changes(words: Sequence[str]) -> Changes:
             inner = texts[key].strip().removeprefix('[').removesuffix(']')
             value = [name.strip(' \'"') for name in inner.split(',')] if inner.strip() else []
         values[row.field] = typed(key, value, row.type)
-    both = sorted(values.keys() & of_joints.keys())
+    both = sorted({row.name for row in FIELDS if row.field in values.keys() & of_joints.keys()})
     if both:
         raise ValueError(f'{both[0]} is given for all joints and for one: use one of them')
     return Changes(values, of_joints)
@@ -183,7 +184,8 @@ def _with_scene(settings: Settings, changes: Changes) -> Settings:
     if 'scene' in changes.values:
         default = Settings()
         return replace(settings, **{name: getattr(default, name) for name in effects}, scene='')
-    changed = sorted(effects & {*changes.values, *changes.of_joints})
+    given = {*changes.values, *changes.of_joints}
+    changed = sorted({row.name for row in FIELDS if row.field in effects & given})
     if settings.scene and changed:
         raise ValueError(
             f'{changed[0]} cannot be changed by itself: the effects of the log come from a scene '

@@ -66,6 +66,8 @@ class Comparison:
         Seconds that were compared, and those that only the longer log covers, beyond the lag.
     only_in_a, only_in_b : tuple of str
         Missing in the other log: topics; joints, fields of a joint and values after their topic.
+    complete : (bool, bool)
+        Whether each log was closed properly, rather than cut off.
     curves : dict
         Both logs at the compared times, for plots: time, a and b, (N,), by topic, field, joint.
     """
@@ -79,6 +81,7 @@ class Comparison:
     differences: tuple[Difference, ...]
     only_in_a: tuple[str, ...]
     only_in_b: tuple[str, ...]
+    complete: tuple[bool, bool]
     curves: Curves = field(repr=False, compare=False)
 
     @property
@@ -178,6 +181,7 @@ def compare(
         tuple(rows),
         tuple(only[0]),
         tuple(only[1]),
+        (a.complete, b.complete),
         curves,
     )
 
@@ -312,6 +316,9 @@ def lines(found: Comparison) -> Iterator[str]:
     if found.correlation is not None:
         shift += f', estimated with a correlation of {found.correlation:.3f}'
     yield f'lag of B {found.lag * 1e3:.3f} ms{shift}; {found.overlap:.3f} s compared'
+    for name, complete in zip('AB', found.complete, strict=True):
+        if not complete:
+            yield f'cut off: {name} was not closed; compared up to the cut'
     for name, missing in (('A', found.only_in_a), ('B', found.only_in_b)):
         yield from (f'only in {name}: {item}' for item in missing)
     if found.uncovered:

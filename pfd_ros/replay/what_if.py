@@ -36,12 +36,12 @@ from pfd_ros.arm.events import (
     TIP_WRENCH,
     Message,
 )
-from pfd_ros.arm.settings import SIMULATED, Settings
+from pfd_ros.arm.settings import FIELDS, SIMULATED, Settings
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
 from pfd_ros.recording.arrays import LogArrays, read_log
-from pfd_ros.recording.format import LogError, damage_named
+from pfd_ros.recording.format import LogError, OtherLogError, damage_named
 from pfd_ros.recording.log import Log
 from pfd_ros.recording.recorder import Recorder, topic_names, totals_of
 from pfd_ros.replay.changed_settings import Changes, changed_arm, described_arm, read_changes
@@ -85,8 +85,10 @@ class WhatIf:
     rejected, first_rejected
         Number of inputs with another result than in the recording, and of rejected commands of a
         bag, by result; a line about the first.
-    times
-        Time base of a bag: 'stamps' or 'log times'; '' for a recording.
+    replaced
+        Changed settings that inputs of the log change later, to the recorded values.
+    states_topic, times
+        Topic of the states, and time base of a bag: 'stamps' or 'log times'; '' for a recording.
     complete
         Whether the source was closed properly.
     problems
@@ -111,6 +113,8 @@ class WhatIf:
     failed_at: float | None
     rejected: Mapping[str, int]
     first_rejected: str
+    replaced: tuple[str, ...]
+    states_topic: str
     times: str
     complete: bool
     problems: list[str]
@@ -194,9 +198,7 @@ def what_if(
         old = _from_start(case.arrays, case.states, _times_ns(case), begins[0])
         new = _recorded_states(target, topic, begins[1])
         if not len(new[topic]):
-            raise LogError(
-                f'the new run, in {target}, has no states: the arm waited for its clock'
-            )
+            raise LogError(f'the new run, in {target}, has no states: there is nothing to compare')
         times = old[case.states].time
         failed_at = (run.failed_ns - begins[1]) / NANOSECONDS if run.failure else None
         if failed_at is not None and failed_at < times[0]:
@@ -235,10 +237,22 @@ def what_if(
         failed_at=failed_at,
         rejected=dict(run.rejected),
         first_rejected=run.first_rejected,
+        replaced=_replaced(engine, read),
+        states_topic=case.states,
         times=bag.times if bag else '',
         complete=case.arrays.complete,
         problems=[unread] if recorded.unreadable else [],
         comparison=found,
+    )
+
+
+def _replaced(engine: Engine, changes: Changes) -> tuple[str, ...]:
+    state = engine.state
+    given = [row for row in FIELDS if row.field in {*changes.values, *changes.of_joints}]
+    return tuple(
+        row.name
+        for row in given
+        if getattr(state.first, row.field) != getattr(state.settings, row.field)
     )
 
 
@@ -318,7 +332,7 @@ def _free_path(source: Path) -> Path:
 def _of_recording(path: Path, changes: Changes) -> _Case:
     try:
         log = Log(path)
-    except (LogError, IsADirectoryError) as error:
+    except OtherLogError as error:
         raise LogError(
             f'{error}; for the commands of a bag name their topic with --commands'
         ) from None
@@ -436,7 +450,7 @@ def lines(found: WhatIf) -> list[str]:
         f'new run    {found.log}, {found.seconds:.3f} s, compared with {found.states} states',
     ]
     if found.times:
-        rows.append(f'times      {found.times} of the messages')
+        rows.append(f'times      {found.times} of the messages; states of {found.states_topic}')
     if found.failed_at is not None:
         rows.append(
             f'FAILED     simulation stopped at {found.failed_at:.6f} s: {found.failure}; nothing '
@@ -446,6 +460,11 @@ def lines(found: WhatIf) -> list[str]:
         counts = ', '.join(f'{count} {name}' for name, count in sorted(found.rejected.items()))
         what = 'rejected' if found.times else 'accepted or rejected differently'
         rows.append(f'inputs     {what}: {counts}; {found.first_rejected}')
+    if found.replaced:
+        rows.append(
+            f'replaced   {listed(found.replaced)}: the log sets it while it runs; the value of '
+            '--what-if acts until then'
+        )
     for text, joints in (('log', found.only_in_log), ('arm', found.only_in_arm)):
         if joints:
             rows.append(f'joints     only in the {text}: {listed(joints)}')

@@ -344,3 +344,17 @@ def test_the_command_prints_a_line_for_each_joint_and_draws_both_logs(
     found = json.loads(capsys.readouterr().out)
     assert (found['within'], found['lag'], found['tolerance']) == (True, 0.0, 9.0)
     assert {item['joint'] for item in found['differences']} == set(NAMES)
+
+
+def test_the_command_names_the_log_that_was_cut_off(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = write_mcap(tmp_path / 'a.mcap', rows_of(sines))
+    cut = tmp_path / 'b.mcap'
+    cut.write_bytes(whole.read_bytes()[:-8])
+    assert pfd_main(['compare', str(whole), str(cut)]) == 0
+    assert [x for x in capsys.readouterr().out.splitlines() if 'cut off' in x] == [
+        'cut off: B was not closed; compared up to the cut'
+    ]
+    assert pfd_main(['compare', str(whole), str(cut), '--json']) == 0
+    assert json.loads(capsys.readouterr().out)['complete'] == [True, False]

@@ -404,6 +404,14 @@ def test_a_scene_file_takes_the_place_of_all_effects(tmp_path: Path) -> None:
     assert (bare.scene, bare.joint_friction, bare.gravity) == ('', (), (0.0, 0.0, -9.81))
 
 
+def test_settings_that_the_log_changes_later_are_named(tmp_path: Path) -> None:
+    simulate(tmp_path / 'a.mcap', 20, {9: [change(payload_mass=0.5)]})
+    found = what_if(tmp_path / 'a.mcap', ['payload.mass=2', 'damping.elbow=1'])
+    assert found.replaced == ('payload.mass',)
+    assert any('payload.mass' in line for line in what_if_lines(found)[1:])
+    assert what_if(tmp_path / 'a.mcap', ['damping.elbow=1']).replaced == ()
+
+
 def test_inputs_that_are_validated_otherwise_are_counted(tmp_path: Path) -> None:
     events = {2: [named(['elbow'], position=[1.0]), named(['nobody'], effort=[1.0])]}
     simulate(tmp_path / 'a.mcap', 20, events, servo_p=(9.0, 9.0))
@@ -561,6 +569,7 @@ def test_nothing_is_overwritten(swing: Path, tmp_path: Path) -> None:
         (['scene=/nowhere.yaml'], "no scene file '/nowhere.yaml'"),
         (['recording=b.mcap'], 'recording cannot be changed: --out names the log'),
         (['lockstep=false'], 'lockstep cannot be changed'),
+        (['time_source=clock'], 'time_source cannot be changed: the log says when'),
         (['recording_time=wall'], 'recording_time cannot be changed'),
         (['on_timeout=hold'], "on_timeout is 'hold', expected servo_p above 0"),
     ],
@@ -601,7 +610,9 @@ def test_a_file_that_cannot_be_written_is_an_error(swing: Path) -> None:
 
 
 @pytest.mark.parametrize('kind', ['folder', 'foreign', 'text'])
-def test_other_files_are_refused_with_the_option_for_bags(kind: str, tmp_path: Path) -> None:
+def test_other_logs_are_refused_with_the_option_for_bags_and_other_files_without(
+    kind: str, tmp_path: Path
+) -> None:
     path = tmp_path / 'a.mcap'
     if kind == 'folder':
         path.mkdir()
@@ -609,8 +620,9 @@ def test_other_files_are_refused_with_the_option_for_bags(kind: str, tmp_path: P
         write_mcap(path, [Row('/s', 1.0, joint_state(NAMES, (0.0, 0.0)))])
     else:
         path.write_text('a text')
-    with pytest.raises(LogError, match=r'a\.mcap.*--commands'):
+    with pytest.raises(LogError, match=r'a\.mcap is') as error:
         what_if(path, ['payload.mass=1'])
+    assert ('--commands' in str(error.value)) == (kind != 'text')
     assert list(Path().iterdir()) == []
 
 

@@ -184,7 +184,6 @@ NAMES = {
     'inertia_matrices': 'pfd_core.simulation.stiffness:inertia_matrices',
     # benchmarks: robots of its cases
     'report_robot': 'benchmarks.cases.robots:robot',
-    'uniform_chain_robot': 'benchmarks.cases.robots:uniform_chain',
     # pfd_ros.messages: bytes of ROS 2 messages -> arrays and back
     'HEADER': 'pfd_ros.messages.cdr:HEADER',
     'CLOCK_TYPE': 'pfd_ros.messages.types:CLOCK',

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Step counts of the recorded algorithms: closed forms in n, compared with the paper's."""
+"""Steps and routes of recorded algorithms: closed forms in n, of effects, on fewer processors."""
 
 from __future__ import annotations
 
@@ -13,19 +13,31 @@ from typing import Any
 from bridge import (
     FORWARD_METHODS,
     OPERATIONS,
+    PCRBM_ARRAY_SECTION,
     record_terms,
     resolve_plant,
 )
-from closed_forms import SIZES, arithmetic, by_section, chain, elimination, levels, rounds
+from closed_forms import (
+    EVERY_SIZE,
+    SIZES,
+    arithmetic,
+    by_section,
+    chain,
+    elimination,
+    levels,
+    rounds,
+    routes_by_section,
+)
 from drive_scenes import OTHER
 import numpy as np
 from oracle import WRENCH
 import pytest
-from serial_methods import METHODS
-from zoo import random_chain
+from zoo import random_chain, random_state
 
+from benchmarks.cases.robots import uniform_chain
 import pfd_core as pfd
 
+SERIAL = (*(f'walker_orin_{k}' for k in range(1, 5)), 'articulated_body')
 WRENCHED = pfd.Scene(external_wrench=True)
 # Chains and scenes, and the additions of NE1 beyond 15 L + 65: the paper prints 84 and 15 L + 63
 # (section 2.5 (d)).
@@ -250,7 +262,7 @@ def parts(method: str, n: int) -> Iterator[tuple[str, tuple[int, int, int]]]:
 @pytest.mark.parametrize(
     'n', [n if n < 9 else pytest.param(n, marks=pytest.mark.slow) for n in SERIAL_SIZES]
 )
-@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('method', SERIAL)
 def test_counts_are_closed_forms_for_1_to_32_joints(method: str, n: int) -> None:
     expected = {section: counts for section, counts in parts(method, n) if any(counts)}
     assert counted(method, n) == expected
@@ -262,7 +274,7 @@ def totals(method: str, n: int) -> Counts:
     return sum(one), sum(two), sum(three)
 
 
-@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('method', SERIAL)
 def test_nothing_is_routed_and_each_angle_takes_a_sine_and_a_cosine(method: str) -> None:
     program = recorded(method, 7)
     steps = program.count()
@@ -286,7 +298,7 @@ AT_SIX = {
 }
 
 
-@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('method', SERIAL)
 def test_six_joints_take_fewer_operations_than_the_paper_prints(method: str) -> None:
     # Method 4 in the n iterations that the paper supposes; its divisions are multiplications.
     steps = recorded(method, 6).count(iterations=6)
@@ -302,7 +314,7 @@ def test_articulated_bodies_overtake_composite_bodies_at_nine_joints() -> None:
         assert (one < three) == (n >= 9)
 
 
-@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('method', SERIAL)
 def test_a_wrench_takes_24_multiplications_and_additions(method: str) -> None:
     # Two vectors turned to the axes of the last joint, a lever and two sums.
     for n in range(2, 8):
@@ -348,3 +360,246 @@ def test_six_joints_about_the_base_origin_take_fewer_steps_than_the_paper_prints
     assert steps.multiplications < 334
     assert steps.additions < 328
     assert steps.square_roots == 0
+
+
+# ---- PCGM ----
+
+
+def revolute(n: int) -> pfd.Robot:
+    return random_chain(np.random.default_rng(n), n, 0.0)
+
+
+def packed_sums(n: int) -> int:
+    """Return the additions of the four sums of vectors in a product with H, packed."""
+    return sum(4 * math.ceil(3 * (n - 2**k) / n) for k in range(math.ceil(math.log2(n))))
+
+
+@pytest.mark.parametrize('n', SIZES[1:])
+def test_an_iteration_takes_47_multiplications(n: int) -> None:
+    # The paper counts 49 multiplications, divisions among them, and 14 L + 30 additions.
+    program = FORWARD_METHODS['pcgm'](resolve_plant(revolute(n)), 'parallel')
+    one, two = program.count(iterations=1), program.count(iterations=2)
+    L = math.ceil(math.log2(n))
+    assert two.multiplications - one.multiplications == 47
+    assert two.divisions - one.divisions == 2
+    assert two.additions - one.additions == 29 + packed_sums(n) + 2 * L + 3
+
+
+def test_six_iterations_which_do_not_converge_stay_below_the_papers_count() -> None:
+    program = FORWARD_METHODS['pcgm'](resolve_plant(revolute(6)), 'parallel')
+    steps, given = program.count(iterations=6), program.count(section='joint rotation')
+    multiplications = steps.multiplications + steps.divisions - given.multiplications
+    assert (multiplications, steps.additions - given.additions) == (476, 561)
+    assert multiplications < 499
+    assert steps.additions < 621
+
+
+# ---- constraint forces, divide and conquer ----
+
+
+CONSTRAINED = FORWARD_METHODS['constraint_forces']
+
+
+@pytest.mark.parametrize('n', SIZES)
+def test_steps_and_routes_of_constraint_forces_are_closed_forms(n: int) -> None:
+    program = CONSTRAINED(resolve_plant(chain(n)), 'unpacked')
+    counts, routes = by_section(program), routes_by_section(program)
+    L, joined = levels(n), n > 1
+    # Inverses of inertia and mass and points of a link, 30 and 17, of one or two links a lane;
+    # E_ii 75 and 48, E_oo 30 and 18, E_io 90 and 54.
+    assert counts['link constants'] == (
+        (2 * 30 + 75 + 30 + 90, 2 * 17 + 48 + 18 + 54, 4, 0) if joined else (105, 65, 2, 0)
+    )
+    # G' E G: 4 rows and 5 columns; C: 5 rows; G' v once; 5 for each term of r.
+    assert counts['joint equations'] == (
+        (8 * (9 + 5 + 1) + 4 * 5, 4 * (9 + 5 + 1) + 15 + 3 * 5, 0, 0) if joined else (5, 0, 0, 0)
+    )
+    factor, columns = (4 + 3 + 2 + 1) + (10 + 6 + 3 + 1), 5 + 5 + 1
+    products = 15 + 5 + 15 + 5  # for A and r, from either side
+    elimination = (
+        L * (factor + 10 * columns + 50 + 5 * products) + (L - 1) * 5 * 25,
+        L * (20 + 10 * columns + 4 * products + 2 * (15 + 5)) + (L - 1) * 4 * 25,
+        5 * L,
+        0,
+    )
+    assert counts.get('elimination', (0, 0, 0, 0)) == (elimination if joined else (0, 0, 0, 0))
+    if joined:
+        assert elimination == (515 * L - 125, 430 * L - 100, 5 * L, 0)
+    # K and D, two substitutions with a column, and D.
+    assert counts['constraint forces'] == (30 + 2 * 10 + 5, 20 + 2 * 10, 5, 0)
+    # A row of each E times f, and G f.
+    assert counts['accelerations'] == (
+        (4 * 6 + 8, 4 * 5 + 4 + 3, 0, 0) if joined else (6, 5, 0, 0)
+    )
+    own = ('joint equations', 'elimination', 'accelerations')
+    # y and f of the link before, a term of r and of qdd of the link after; C, and the products.
+    assert tuple(routes.get(section, 0) for section in own) == (
+        (1 + 5, L * (25 + 40) + (L - 1) * 25, 5 + 1 + 1) if joined else (0, 0, 0)
+    )
+
+
+def test_it_halves_divide_and_conquer() -> None:
+    plant = resolve_plant(uniform_chain(32))
+    ours, other = (
+        FORWARD_METHODS[method](plant, 'unpacked').count()
+        for method in ('constraint_forces', 'divide_and_conquer')
+    )
+    assert 2 * ours.multiplications < 1.1 * other.multiplications
+    assert 2 * ours.routes < other.routes
+
+
+DIVIDED = FORWARD_METHODS['divide_and_conquer']
+
+
+@pytest.mark.parametrize('n', SIZES)
+def test_steps_grow_as_the_logarithm_of_the_joints(n: int) -> None:
+    counts = by_section(DIVIDED(resolve_plant(chain(n)), 'parallel'))
+    L = levels(n)
+    single, joining, parting, last = (
+        counts.get(s, (0, 0, 0, 0))
+        for s in ('single links', 'joining', 'parting', 'accelerations')
+    )
+    assert single == (135, 53, 1, 0)
+    assert joining == {0: (0, 0, 0, 0), 1: (358, 322, 6, 0)}.get(
+        L, (1276 * L - 1026, 1114 * L - 882, 6 * L, 0)
+    )
+    assert parting == (72 * max(L - 1, 0), 72 * max(L - 1, 0), 0, 0)
+    assert last == (13, 12, 0, 0)
+
+
+# ---- routes with one lane per link ----
+
+
+Routes = dict[str, int]
+
+
+def pose_and_bias(n: int) -> Routes:
+    """Return 9 elements a level of R; z_(i-1); five sums of vectors, and w_(i-1)."""
+    many = n > 1
+    return {
+        'orientation': 9 * levels(n),
+        'link vectors': 3 * many,
+        'omega': 15 * levels(n) + 3 * many,
+    }
+
+
+def composite_bodies(n: int) -> Routes:
+    """Return M, c with its coefficients, E; M_(j+1), c_(j+1); p*_i and z_i for the pairs."""
+    L, many = levels(n), n > 1
+    return {
+        'equation (15)': L,
+        'equations (16), (17)': many,
+        'equation (18)': (4 * L - 1) * many,
+        'equation (19)': 3 * many,
+        'equation (20)': 6 * L,
+        'moments of the row sweep': 3 * (n - 1),
+        'elements of H': 3 * (n - 1),
+    }
+
+
+def solve(n: int) -> Routes:
+    """Return l_ij for j < i < n - 1 and 1/d_j; n - 1 elements each way, n - 1 diagonals."""
+    return {
+        'factorisation': (n - 1) * (n - 2) // 2 + n - 1,
+        'column sweeps': 3 * (n - 1),
+    }
+
+
+def about_the_base(n: int) -> Routes:
+    """Return o_i and o_(i-1); mass, first moment and inertia; pairs at distances around."""
+    L = levels(n)
+    # Two 6-vectors for each distance; a pair farther apart than n/2 comes out on the other lane.
+    far = sum(n - d for d in range(1, n) if 2 * d > n)
+    return {
+        'base origin': 3 * L + 3 * (n > 1),
+        'composite bodies': 10 * L,
+        'elements of H': 12 * (n // 2) + far,
+    }
+
+
+def streams(n: int) -> Routes:
+    """Return the elements of H and y on their way to the array; h_11 and y_1 are on lane 0."""
+    return {f'streams of the {PCRBM_ARRAY_SECTION}': n * (n + 1) // 2 + n - 2}
+
+
+EXPECTED = {
+    'pcrbm': lambda n: pose_and_bias(n) | composite_bodies(n) | solve(n),
+    'pcrbm_array': lambda n: pose_and_bias(n) | composite_bodies(n) | streams(n),
+    'pcrbm_base_origin': lambda n: pose_and_bias(n) | about_the_base(n) | solve(n),
+    # Four sums of vectors, two inner products, of which each result is broadcast.
+    'pcgm': lambda n: (
+        pose_and_bias(n)
+        | {
+            'first inner product': levels(n),
+            'step 7': 12 * levels(n),
+            'step 8': levels(n) + (n > 1),
+            'step 12': levels(n),
+            'steps 14, 15': n > 1,
+        }
+    ),
+}
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize('n', EVERY_SIZE)
+@pytest.mark.parametrize('method', EXPECTED)
+def test_routes_with_one_lane_per_link_have_their_closed_forms(method: str, n: int) -> None:
+    found = routes_by_section(FORWARD_METHODS[method](resolve_plant(chain(n)), 'unpacked'))
+    assert found == {section: count for section, count in EXPECTED[method](n).items() if count}
+
+
+# ---- fewer processors than joints ----
+
+
+def problem(n: int, seed: int) -> tuple[pfd.Robot, tuple[Any, ...]]:
+    rng = np.random.default_rng(seed)
+    types = ['revolute', 'prismatic', 'revolute', 'revolute', 'prismatic'][:n]
+    return random_chain(rng, n, joint_types=types), random_state(rng, n)
+
+
+def test_a_batch_with_brakes_runs_on_any_number_of_processors() -> None:
+    robot, _ = problem(5, 5)
+    q, qd, tau = np.random.default_rng(6).normal(size=(3, 2, 5))
+    scene = pfd.Scene(brakes=True, damping='model', armature='model')
+    brakes = np.array([[True, False, False, True, False], [False] * 5])
+    options: dict[str, Any] = {'scene': scene, 'brakes': brakes}
+    wanted = pfd.emulate(robot, q, qd, tau, **options).qdd
+    for processors in (1, 2, 3, 4):
+        found = pfd.emulate(robot, q, qd, tau, processors=processors, **options).qdd
+        np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-11)
+        assert (found[0, [0, 3]] == 0).all()
+
+
+def test_one_processor_reports_the_operations_of_the_serial_program() -> None:
+    robot, state = problem(4, 7)
+    for method in ('pcrbm', 'pcrbm_1987'):
+        run = pfd.emulate(robot, *state, method=method, processors=1)
+        serial = FORWARD_METHODS[method](resolve_plant(robot), 'sequential')
+        assert run.steps == serial.count()
+        assert run.utilisation == 1
+    array = pfd.emulate(robot, *state, method='pcrbm_array', processors=2)
+    assert array.cycles == 5 * 4 - 2
+    assert array.steps.square_roots == 4
+
+
+@pytest.mark.parametrize('method', ['pcrbm', 'pcgm_1987', 'divide_and_conquer'])
+def test_p_processors_take_the_steps_of_n_for_as_many_lanes_at_a_time(method: str) -> None:
+    robot, state = problem(5, 8)
+    program = FORWARD_METHODS[method](resolve_plant(robot), 'parallel')
+    busy = [
+        one.active.bit_count()
+        for one in program.instructions
+        if OPERATIONS[one.op].cost == 'additions'
+    ]
+    for processors in (2, 3, 4, 5):
+        run = pfd.emulate(robot, *state, method=method, processors=processors)
+        assert run.program == program
+        assert run.steps == program.count(processors, iterations=run.iterations or 1)
+        if run.iterations is None:
+            assert run.steps.additions == sum(math.ceil(k / processors) for k in busy)
+
+
+def test_a_network_joins_as_many_processors_as_joints() -> None:
+    robot, state = problem(3, 10)
+    with pytest.raises(ValueError, match="network 'ring' needs a processor for each of 3 lanes"):
+        pfd.emulate(robot, *state, processors=2, network='ring')

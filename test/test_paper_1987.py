@@ -20,7 +20,6 @@ from bridge import (
     record_pcrbm_1987,
     resolve_plant,
     run_program,
-    uniform_chain_robot,
 )
 from closed_forms import (
     EVERY_SIZE,
@@ -37,6 +36,7 @@ import pytest
 from tolerances import ACCELERATION
 from zoo import random_chain, random_state, right_angled
 
+from benchmarks.cases.robots import uniform_chain
 import pfd_core as pfd
 
 METHODS = ('pcrbm_1987', 'pcgm_1987')
@@ -68,7 +68,7 @@ def test_n_iterations_of_1987_are_the_answer_in_fifty_digits(n: int) -> None:
 
 
 def test_n_iterations_of_1987_leave_an_error_in_double_precision() -> None:
-    robot = uniform_chain_robot(12)
+    robot = uniform_chain(12)
     states = [random_state(np.random.default_rng(seed), 12) for seed in range(20)]
     given = dict(zip(('q', 'qd', 'tau'), np.transpose(states, (1, 0, 2)), strict=True))
     found = run_program(record_pcgm_1987(resolve_plant(robot), 'parallel'), given)
@@ -102,7 +102,7 @@ def test_one_joint_as_printed_is_right() -> None:
 @pytest.mark.parametrize('method', [*METHODS, 'pcrbm_array', 'composite_body'])
 def test_steps_are_the_sum_of_the_steps_of_sections(method: str) -> None:
     state = np.random.default_rng(4).normal(size=(3, 6))
-    run = pfd.emulate(uniform_chain_robot(6), *state, method=method)
+    run = pfd.emulate(uniform_chain(6), *state, method=method)
     assert sum(run.steps_by_section.values(), pfd.Steps()) == run.steps
 
 
@@ -280,7 +280,7 @@ def test_pcgm_of_1987_has_its_closed_forms(n: int, literal: bool) -> None:
 
 def test_six_joints_of_1987_take_366_and_351_with_pairs_packed_and_391_and_361_without() -> None:
     # Divisions are multiplications, as in the paper, and R_i is given.
-    run = pfd.emulate(uniform_chain_robot(6), *[[0.1] * 6] * 3, method='pcrbm_1987')
+    run = pfd.emulate(uniform_chain(6), *[[0.1] * 6] * 3, method='pcrbm_1987')
     steps = run.steps - run.steps_by_section['joint rotation']
     assert (steps.multiplications + steps.divisions, steps.additions) == (366, 351)
     for schedule, wanted in (('parallel', (366, 351, 6)), ('unpacked', (391, 361, 6))):

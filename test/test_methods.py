@@ -1,0 +1,641 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Every method of forward dynamics: physics, 50 digits, kernels with the same bits, refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from itertools import product
+from typing import Any
+
+from bridge import (
+    FORWARD_METHODS,
+    ITERATIVE_METHODS,
+    MACHINE_SCHEDULES,
+    SERIAL_METHODS,
+    Plant,
+    eliminate_dead_code,
+    fold_program,
+    program_operations,
+    record_inverse_dynamics,
+    record_terms,
+    resolve_plant,
+    run_program,
+)
+from closed_forms import chain
+import mpmath
+import numpy as np
+from oracle import (
+    ARMS,
+    WRENCH,
+    Oracle,
+    assert_bits_of_the_emulator,
+    chains,
+    error,
+    every,
+    jacobi_condition,
+    relative,
+)
+import pinocchio as pin
+import pytest
+from sampling import one_fast
+from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS
+from zoo import Array, random_chain, random_state, right_angled, without_mass
+
+from benchmarks.cases.robots import uniform_chain
+import pfd_core as pfd
+
+EVERYTHING = pfd.Scene(external_wrench=True, damping='model', armature='model', brakes=True)
+# The other schedules of a parallel method are slow: scalar by scalar for one processor.
+CASES = [
+    pytest.param(
+        method,
+        schedule,
+        marks=[pytest.mark.slow]
+        * (
+            method == 'divide_and_conquer'
+            or (method not in SERIAL_METHODS and schedule != 'parallel')
+        ),
+    )
+    # The n iterations of pcgm_1987 end too early in double precision: test_paper_1987.
+    for method in (*pfd.METHODS, 'pcrbm_1987')
+    for schedule in (MACHINE_SCHEDULES if method not in SERIAL_METHODS else ('sequential',))
+]
+# Their link parameters are grouped in float64, and their iterations end before the last digit.
+ROUNDED = ('composite_body', 'grouped_articulated_body', *ITERATIVE_METHODS)
+on_each = pytest.mark.parametrize(('method', 'schedule'), CASES)
+
+
+def record(method: str, plant: Plant, schedule: str) -> pfd.Program:
+    return FORWARD_METHODS[method](plant, schedule)
+
+
+def tolerance(method: str, H: Array) -> float:
+    """Return how far off rounding may be; an iteration stops at a residual without scaling."""
+    condition = jacobi_condition(H)
+    if method in ITERATIVE_METHODS:
+        condition = max(condition, float(np.linalg.cond(H)))
+    return ACCELERATION * condition
+
+
+def assert_sound(found: dict[str, Array]) -> None:
+    """Check the outputs by which a method says that its answer is one."""
+    assert (found.get('pivots', np.ones(1)) > 0).all()
+    assert np.all(found.get('converged', 1) == 1)
+
+
+@on_each
+@pytest.mark.parametrize('scene', one_fast([EVERYTHING, WRENCH]), ids=['everything', 'wrench'])
+def test_random_chains_agree_with_pinocchio(method: str, schedule: str, scene: pfd.Scene) -> None:
+    # Ten of 48 chains, with 1 to 12 joints, some of prismatic joints alone.
+    everything = scene is EVERYTHING
+    for rng, robot in every(5, chains(48, seed=21)):
+        oracle = Oracle(robot, robot.armature if everything else None)
+        q, qd, qdd = random_state(rng, robot.n)
+        wrench = rng.normal(size=6) * 10
+        tau = oracle.tau(q, qd, qdd, wrench)
+        given = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench}
+        if everything:
+            given |= {'tau': tau + robot.damping * qd, 'free': np.ones(robot.n)}
+        found = run_program(record(method, resolve_plant(robot, scene), schedule), given)
+        wanted = oracle.qdd(q, qd, tau, wrench)
+        assert relative(found['qdd'], wanted) < tolerance(method, oracle.H(q)), robot
+        assert_sound(found)
+
+
+@on_each
+@pytest.mark.parametrize('rotors', one_fast([False, True], True))
+def test_the_arms_agree_with_pinocchio_with_and_without_rotors(
+    method: str, schedule: str, rotors: bool
+) -> None:
+    # The first link of the PUMA has no mass, as Armstrong measured it.
+    rng = np.random.default_rng(22)
+    for name in ARMS:
+        robot = pfd.load_robot(name)
+        oracle = Oracle(robot, robot.armature if rotors else None)
+        states = [random_state(rng, robot.n) for _ in range(8)]
+        q, qd, tau = (np.array([state[k] for state in states]) for k in range(3))
+        plant = resolve_plant(robot, pfd.Scene(armature=robot.armature if rotors else None))
+        found = run_program(record(method, plant, schedule), {'q': q, 'qd': qd, 'tau': tau})['qdd']
+        for k in range(len(states)):
+            wanted = oracle.qdd(q[k], qd[k], tau[k])
+            assert relative(found[k], wanted) < tolerance(method, oracle.H(q[k])), name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('n', [20, 32])
+@pytest.mark.parametrize('method', pfd.METHODS)
+def test_long_chains_agree_with_pinocchio(method: str, n: int) -> None:
+    rng = np.random.default_rng(n)
+    robot = random_chain(rng, n, 0.2)
+    oracle = Oracle(robot)
+    q, qd, tau = random_state(rng, n)
+    schedule = 'sequential' if method in SERIAL_METHODS else 'parallel'
+    found = run_program(
+        record(method, resolve_plant(robot), schedule), {'q': q, 'qd': qd, 'tau': tau}
+    )['qdd']
+    assert relative(found, oracle.qdd(q, qd, tau)) < tolerance(method, oracle.H(q))
+
+
+@on_each
+def test_a_massless_end_of_the_chain_is_carried_by_its_rotor(method: str, schedule: str) -> None:
+    robot = without_mass(random_chain(np.random.default_rng(26), 3, 0.0), (2,))
+    armature = np.array([0.0, 0.0, 0.1])
+    q, qd, tau = random_state(np.random.default_rng(27), 3)
+    plant = resolve_plant(robot, pfd.Scene(armature=armature))
+    found = run_program(record(method, plant, schedule), {'q': q, 'qd': qd, 'tau': tau})['qdd']
+    oracle = Oracle(robot, armature)
+    H = oracle.H(q)
+    wanted = np.linalg.solve(H, tau - oracle.tau(q, qd, 0 * q))
+    assert relative(found, wanted) < tolerance(method, H)
+
+
+@cache
+def fifty_digits(n: int) -> tuple[pfd.Robot, dict[str, Array], Array]:
+    """Return a robot, a state with everything, and its qdd by PCRBM on n lanes in 50 digits."""
+    robot, given = right_angled(n)
+    given['free'] = (np.arange(n) % 3 != 1).astype(float)
+    program = record('pcrbm', resolve_plant(robot, EVERYTHING), 'parallel')
+    return robot, given, run_program(program, given, digits=50)['qdd']
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize('n', [1, 2, 4, 6])
+@pytest.mark.parametrize(
+    ('method', 'schedule'), [case for case in CASES if case.values[0] not in ROUNDED]
+)
+def test_fifty_digits_agree_with_those_of_pcrbm_and_measure_the_rounding(
+    method: str, schedule: str, n: int
+) -> None:
+    robot, given, wanted = fifty_digits(n)
+    program = record(method, resolve_plant(robot, EVERYTHING), schedule)
+    found = run_program(program, given, digits=50)['qdd']
+    with mpmath.workdps(50):
+        assert error(found, wanted) < FIFTY_DIGITS
+    rounding = error(run_program(program, given)['qdd'], wanted)
+    H = Oracle(robot, robot.armature).H(given['q'])
+    assert 0 < rounding < ACCELERATION * jacobi_condition(H) or n == 1
+
+
+def exact(values: Array) -> Array:
+    """Return multiples of 1/256: their products and sums are exact in float64."""
+    return np.round(np.asarray(values) * 256) / 256
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize('n', [1, 2, 4, 6])
+@pytest.mark.parametrize('method', ROUNDED)
+def test_fifty_digits_agree_also_where_parameters_are_grouped_or_iterations_end(
+    method: str, n: int
+) -> None:
+    # Parameters that group without rounding, and a stop beyond the last digit.
+    robot, given = right_angled(n)
+    robot = replace(
+        robot,
+        translations=exact(robot.translations),
+        masses=exact(robot.masses),
+        centers=exact(robot.centers),
+        inertias=exact(robot.inertias) + np.eye(3),
+        damping=exact(robot.damping),
+        armature=exact(robot.armature),
+        base_rotation=np.eye(3),
+    )
+    given['free'] = (np.arange(n) % 3 != 1).astype(float)
+    plant = resolve_plant(robot, replace(EVERYTHING, gravity=(0.0, 0.0, -9.8125)))
+    wanted = run_program(record('pcrbm', plant, 'parallel'), given, digits=50)['qdd']
+    stop = {'tolerance': FIFTY_DIGITS} if method in ITERATIVE_METHODS else {}
+    for schedule in MACHINE_SCHEDULES if method not in SERIAL_METHODS else ('sequential',):
+        program = FORWARD_METHODS[method](plant, schedule, **stop)
+        assert error(run_program(program, given, digits=50)['qdd'], wanted) < FIFTY_DIGITS
+
+
+def sound(method: str, found: dict[str, Array]) -> bool:
+    """Return whether a result is reported as usable."""
+    if method in ITERATIVE_METHODS:
+        return bool(found['converged'][0] == 1)
+    return bool((found['pivots'] > 0).all() and np.isfinite(found['qdd']).all())
+
+
+@pytest.mark.parametrize('method', pfd.METHODS)
+def test_an_inertia_that_is_not_positive_definite_and_nan_are_reported(method: str) -> None:
+    robot = random_chain(np.random.default_rng(31), 3, 0.0)
+    given = dict(zip(('q', 'qd', 'tau'), random_state(np.random.default_rng(32), 3), strict=True))
+    empty = without_mass(random_chain(np.random.default_rng(26), 3, 0.0), (2,))
+    program, other = (record(method, resolve_plant(r), 'sequential') for r in (robot, empty))
+    assert sound(method, run_program(program, given))
+    assert not sound(method, run_program(other, given))
+    for name, value in (('q', np.nan), ('qd', np.inf), ('tau', np.nan)):
+        wrong = given[name].copy()
+        wrong[1] = value
+        assert not sound(method, run_program(program, given | {name: wrong}))
+
+
+@pytest.mark.parametrize('n', [2, 6])
+@pytest.mark.parametrize('method', ITERATIVE_METHODS)
+def test_conjugate_gradients_take_at_most_n_iterations_when_nothing_is_rounded(
+    method: str, n: int
+) -> None:
+    # The factor by which the residual falls, and the error left at condition numbers below 1e4.
+    residual, solution = 1e-40, 1e-36
+    robot, given = right_angled(n)
+    plant = resolve_plant(robot, WRENCH)
+    program = FORWARD_METHODS[method](plant, 'sequential', tolerance=residual)
+    found = run_program(program, given, digits=50)
+    wanted = run_program(record('pcrbm', plant, 'sequential'), given, digits=50)['qdd']
+    assert error(found['qdd'], wanted) < solution
+    assert 1 <= found['iterations'][0] <= n
+    assert found['converged'][0] == 1
+
+
+# ---- inverse dynamics ----
+
+
+@pytest.mark.parametrize(('schedule', 'step'), one_fast([('parallel', 2), ('sequential', 4)]))
+def test_terms_and_inverse_dynamics_of_random_chains_agree_with_pinocchio(
+    schedule: str, step: int
+) -> None:
+    # The 48 chains have every number of joints with every share of prismatic ones. The emulator
+    # runs the program of one processor scalar by scalar: fewer chains for that.
+    for rng, robot in every(step, chains(48, seed=1)):
+        plant, oracle = resolve_plant(robot, WRENCH), Oracle(robot)
+        q, qd, qdd = random_state(rng, robot.n)
+        wrench = rng.normal(size=6) * 10
+        H, bias = oracle.H(q), oracle.tau(q, qd, 0 * q, wrench)
+        terms = run_program(record_terms(plant, schedule), {'q': q, 'qd': qd, 'wrench': wrench})
+        assert relative(terms['H'], H) < DYNAMICS, robot
+        assert relative(terms['bias'], bias) < DYNAMICS, robot
+        tau = oracle.tau(q, qd, qdd, wrench)
+        inputs = {'q': q, 'qd': qd, 'wrench': wrench}
+        found = run_program(record_inverse_dynamics(plant, schedule), {**inputs, 'qdd': qdd})[
+            'tau'
+        ]
+        assert relative(found, tau) < DYNAMICS, robot
+
+
+@pytest.mark.parametrize('schedule', one_fast(MACHINE_SCHEDULES, 'parallel'))
+def test_torque_is_recovered_from_the_accelerations_it_causes(schedule: str) -> None:
+    for rng, robot in every(5, chains(36, seed=4)):
+        plant = resolve_plant(
+            robot, pfd.Scene(external_wrench=True, damping='model', armature='model')
+        )
+        q, qd, tau = random_state(rng, robot.n)
+        inputs = {'q': q, 'qd': qd, 'wrench': rng.normal(size=6)}
+        qdd = run_program(FORWARD_METHODS['pcrbm'](plant, schedule), {**inputs, 'tau': tau})['qdd']
+        found = run_program(record_inverse_dynamics(plant, schedule), {**inputs, 'qdd': qdd})[
+            'tau'
+        ]
+        H = run_program(record_terms(plant, schedule), inputs)['H']
+        # A residual is as large as the rounding of H qdd, not of tau.
+        scale = np.abs(H) @ np.abs(qdd) + np.abs(tau)
+        assert np.all(np.abs(found - tau) < ACCELERATION * scale * jacobi_condition(H))
+
+
+# ---- emulate and kernels ----
+
+
+# Methods of which each run has a kernel in float32: one serial, one parallel, one iterative.
+IN_SINGLE = ('articulated_body', 'composite_body', 'pcgm')
+STRUCTURE = ['revolute', 'prismatic', 'revolute']
+
+
+@pytest.mark.parametrize(
+    'method',
+    [
+        pytest.param(name, marks=[pytest.mark.slow] * (name == 'divide_and_conquer'))
+        for name in pfd.METHODS
+    ],
+)
+def test_every_method_gives_pinocchios_accelerations(method: str) -> None:
+    rng = np.random.default_rng(1)
+    for robot in (random_chain(rng, 3, joint_types=STRUCTURE), pfd.load_robot('panda')):
+        n = robot.n
+        q, qd, tau = random_state(rng, n)
+        wrench = rng.normal(size=6)
+        oracle = Oracle(robot)
+        wanted = oracle.qdd(q, qd, tau, wrench)
+        tolerance = ACCELERATION * np.linalg.cond(oracle.H(q)) * np.abs(wanted).max()
+        result = pfd.emulate(robot, q, qd, tau, method=method, wrench=wrench)
+        assert np.abs(result.qdd - wanted).max() < tolerance
+        assert result.status == 'ok'
+        assert (result.iterations is not None) == (method in ITERATIVE_METHODS)
+        assert result.cycles == (5 * n - 2 if method == 'pcrbm_array' else None)
+        assert result.program.lanes == (1 if method in SERIAL_METHODS else n)
+        assert 0 < result.utilisation <= 1
+        if n == 7:
+            continue  # LLVM takes seconds for some of these kernels
+        found = pfd.forward_dynamics(robot, q, qd, tau, method=method, wrench=wrench)
+        assert np.abs(found - wanted).max() < tolerance
+
+
+# The format changes nothing in how the method is lowered.
+@pytest.mark.parametrize(
+    ('method', 'dtype'),
+    [
+        *((name, 'float64') for name in pfd.METHODS),
+        *(
+            pytest.param(name, 'float32', marks=[pytest.mark.long] * (name not in IN_SINGLE))
+            for name in pfd.METHODS
+        ),
+    ],
+)
+@pytest.mark.slow
+def test_kernels_of_every_method_give_the_emulators_bits(method: str, dtype: str) -> None:
+    rng = np.random.default_rng(2)
+    robot = random_chain(rng, 3, joint_types=STRUCTURE)
+    scene = pfd.Scene(external_wrench=True, brakes=True, damping='model', armature='model')
+    kernel = pfd.compile_kernel(robot, method=method, scene=scene, dtype=dtype)
+    assert_bits_of_the_emulator(kernel, rng)
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize('digits', [None, 30])
+@pytest.mark.parametrize('method', pfd.METHODS)
+def test_an_arm_without_inertia_is_a_status(method: str, digits: int | None) -> None:
+    robot = without_mass(random_chain(np.random.default_rng(3), 2, 0.0), range(2))
+    result = pfd.emulate(robot, [0.1, 0.2], [0.3, 0.4], [1.0, 2.0], method=method, digits=digits)
+    assert result.status in ('not_positive_definite', 'not_converged', 'not_finite')
+
+
+def test_a_batch_is_emulated_at_once() -> None:
+    robot = pfd.load_robot('planar2')
+    q = np.random.default_rng(4).normal(size=(2, 3, 2))
+    together = pfd.emulate(robot, q, 0 * q, 0 * q, method='pcgm')
+    assert together.qdd.shape == (2, 3, 2)
+    for index in np.ndindex(2, 3):
+        alone = pfd.emulate(robot, q[index], [0, 0], [0, 0], method='pcgm')
+        np.testing.assert_array_equal(together.qdd[index], alone.qdd)
+        assert alone.iterations <= together.iterations
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        ({'method': 'aba'}, "method must be one of .* got 'aba'"),
+        ({'processors': 0}, 'processors must be an integer of at least 1, got 0'),
+        ({'processors': 3}, 'processors must be an integer from 1 to 2, got 3'),
+        ({'processors': 1.5}, 'processors must be an integer of at least 1, got 1.5'),
+        (
+            {'processors': 2, 'method': 'articulated_body'},
+            "processors must be 1 for the serial method 'articulated_body', got 2",
+        ),
+        ({'q': np.zeros(3)}, r'q must have shape \(2,\) or \(B, 2\), got \(3,\)'),
+        ({'tau': [np.nan, 0.0]}, 'tau must be finite'),
+        ({'wrench': np.zeros(5)}, r'wrench must have shape \(6,\) or \(B, 6\), got \(5,\)'),
+        ({'dtype': 'float16'}, "dtype must be one of .* got 'float16'"),
+        (
+            {'edition': 'second'},
+            r"edition must be one of \('corrected', 'printed'\), got 'second'",
+        ),
+        (
+            {'edition': 'printed'},
+            r"edition 'printed' needs one of the methods .*'pcrbm_1987'.*, got 'pcrbm'",
+        ),
+        ({'scene': pfd.Scene(external_wrench=True)}, 'the call needs wrench='),
+        ({'network': 'torus'}, r"network must be one of .*'ring'.* got 'torus'"),
+    ],
+)
+def test_bad_arguments_are_named(options, message: str) -> None:  # type: ignore[no-untyped-def]
+    given = {'q': np.zeros(2), 'qd': np.zeros(2), 'tau': np.zeros(2), **options}
+    with pytest.raises(ValueError, match=message):
+        pfd.emulate(pfd.load_robot('planar2'), **given)
+
+
+def test_every_method_is_compiled_or_only_emulated() -> None:
+    assert sorted([*pfd.METHODS, *pfd.EMULATED_METHODS]) == sorted(FORWARD_METHODS)
+
+
+@pytest.mark.parametrize('method', pfd.EMULATED_METHODS)
+def test_a_method_that_is_only_emulated_is_refused_by_kernels_with_the_function_that_has_it(
+    method: str,
+) -> None:
+    robot = random_chain(np.random.default_rng(1), 3, joint_types=STRUCTURE)
+    zeros = np.zeros((3, 3))
+    wanted = pfd.forward_dynamics(robot, *zeros)
+    np.testing.assert_allclose(pfd.emulate(robot, *zeros, method=method).qdd, wanted, rtol=1e-9)
+    message = rf"got '{method}'.*pfd.emulate\(method='{method}'\)"
+    for refused in (pfd.compile_kernel, pfd.Simulator):
+        with pytest.raises(ValueError, match=message):
+            refused(robot, method=method)
+    with pytest.raises(ValueError, match=message):
+        pfd.forward_dynamics(robot, *zeros, method=method)
+
+
+@pytest.mark.parametrize('method', ['aba', '', None, 3, ['pcrbm']])
+def test_an_unknown_method_is_refused_with_the_names_of_all(method: Any) -> None:
+    robot = pfd.load_robot('planar2')
+    zeros = np.zeros((3, 2))
+    with pytest.raises(ValueError, match=', '.join(map(repr, FORWARD_METHODS))):
+        pfd.emulate(robot, *zeros, method=method)
+    for refused in (pfd.compile_kernel, pfd.Simulator):
+        with pytest.raises(ValueError, match=', '.join(map(repr, pfd.METHODS))):
+            refused(robot, method=method)
+
+
+# Operations that folding may leave, sine and cosine apart: what is promised for composite bodies,
+# and what throw-away prototypes of articulated bodies took.
+MOST = {
+    ('composite_body', 'ur5'): 582,
+    ('composite_body', 'panda'): 1300,
+    ('grouped_articulated_body', 'ur5'): 676,
+    ('grouped_articulated_body', 'panda'): 1458,
+}
+
+
+def folded(method: str, robot: pfd.Robot) -> int:
+    """Return the operations that are left, changes of sign, sine and cosine apart."""
+    program = eliminate_dead_code(
+        fold_program(FORWARD_METHODS[method](resolve_plant(robot), 'sequential')), ['qdd']
+    )
+    counts = program_operations(program)
+    return sum(count for op, count in counts.items() if op not in ('sin', 'cos', 'neg'))
+
+
+@pytest.mark.parametrize(('method', 'name'), list(MOST))
+def test_the_arms_take_no_more_operations_than_promised(method: str, name: str) -> None:
+    assert folded(method, pfd.load_robot(name)) <= MOST[method, name]
+
+
+def test_a_joint_more_takes_articulated_bodies_the_same_anywhere_in_the_chain() -> None:
+    counts = [folded('grouped_articulated_body', uniform_chain(n)) for n in (5, 6, 7, 12, 13)]
+    assert counts[1] - counts[0] == counts[2] - counts[1] == counts[4] - counts[3]
+
+
+# ---- constraint forces ----
+
+
+CONSTRAINED = FORWARD_METHODS['constraint_forces']
+
+
+def constraint_matrix(oracle: Oracle, q: Array) -> Array:
+    """Return J M^-1 J', (5 n, 5 n), of the links cut at their joints, from Pinocchio's poses."""
+    model, data, n = oracle.model, oracle.data, oracle.n
+    pin.forwardKinematics(model, data, q)
+    inverse = np.zeros((6 * n, 6 * n))
+    J = np.zeros((5 * n, 6 * n))
+    for i in range(n):
+        at, body = data.oMi[i + 1], model.inertias[i + 1]
+        turned = at.rotation @ body.inertia @ at.rotation.T
+        inverse[6 * i : 6 * i + 3, 6 * i : 6 * i + 3] = np.linalg.inv(turned)
+        inverse[6 * i + 3 : 6 * i + 6, 6 * i + 3 : 6 * i + 6] = np.eye(3) / body.mass
+        slides = 'P' in model.joints[i + 1].shortname()
+        axes = at.rotation.T
+        for link, sign in ((i, 1.0), (i - 1, -1.0)):
+            if link < 0:
+                continue
+            centre = data.oMi[link + 1].act(model.inertias[link + 1].lever)
+            lever = pin.skew(at.translation - centre)
+            angular = np.hstack([axes, np.zeros((3, 3))])
+            linear = np.hstack([-axes @ lever, axes])
+            rows = np.vstack([angular, linear])
+            kept = [0, 1, 2, 3, 4] if slides else [0, 1, 3, 4, 5]
+            J[5 * i : 5 * i + 5, 6 * link : 6 * link + 6] = sign * rows[kept]
+    return np.asarray(J @ inverse @ J.T)
+
+
+def assert_within_the_condition(robot: pfd.Robot, rng: np.random.Generator, schedule: str) -> None:
+    q, qd, tau = random_state(rng, robot.n)
+    oracle = Oracle(robot)
+    program = CONSTRAINED(resolve_plant(robot), schedule)
+    found = run_program(program, {'q': q, 'qd': qd, 'tau': tau})
+    condition = jacobi_condition(constraint_matrix(oracle, q))
+    assert relative(found['qdd'], oracle.qdd(q, qd, tau)) < ACCELERATION * condition, robot
+    assert (found['pivots'] > 0).all()
+
+
+@pytest.mark.parametrize('step', [7, pytest.param(1, marks=pytest.mark.long)])
+def test_any_of_80_chains_is_right_but_for_the_condition_of_the_constraints(step: int) -> None:
+    for rng, robot in every(step, chains(80, seed=7)):
+        assert_within_the_condition(robot, rng, 'parallel')
+
+
+@pytest.mark.parametrize('n', [1, 2, 3, 4])
+def test_any_order_of_turning_and_sliding_joints_is_recorded(n: int) -> None:
+    rng = np.random.default_rng(n)
+    for types in product(('revolute', 'prismatic'), repeat=n):
+        if types.count('prismatic') < 4:  # four leave a direction without inertia
+            robot = random_chain(rng, n, joint_types=list(types))
+            assert_within_the_condition(robot, rng, 'parallel')
+
+
+def test_a_wrench_and_damping_are_in_the_right_hand_side() -> None:
+    rng = np.random.default_rng(5)
+    robot = random_chain(rng, 5, 0.4)
+    scene = pfd.Scene(external_wrench=True, damping='model')
+    q, qd, tau = random_state(rng, 5)
+    given = {'q': q, 'qd': qd, 'tau': tau, 'wrench': rng.normal(size=6)}
+    oracle = Oracle(robot)
+    wanted = oracle.qdd(q, qd, tau - robot.damping * qd, given['wrench'])
+    found = run_program(CONSTRAINED(resolve_plant(robot, scene), 'parallel'), given)['qdd']
+    condition = jacobi_condition(constraint_matrix(oracle, q))
+    assert relative(found, wanted) < ACCELERATION * condition
+
+
+@pytest.mark.parametrize(
+    ('n', 'schedule'), [(1, 'unpacked'), (2, 'unpacked'), (7, 'unpacked'), (3, 'sequential')]
+)
+def test_fifty_digits_agree_with_pcrbm(n: int, schedule: str) -> None:
+    # Square axes, whose rotations are exact: both methods then have the same links.
+    robot, given = right_angled(n)
+    plant = resolve_plant(robot, pfd.Scene(external_wrench=True))
+    wanted = run_program(FORWARD_METHODS['pcrbm'](plant, 'parallel'), given, digits=50)['qdd']
+    found = run_program(CONSTRAINED(plant, schedule), given, digits=50)['qdd']
+    condition = jacobi_condition(constraint_matrix(Oracle(robot), given['q']))
+    assert max(abs(found - wanted)) < FIFTY_DIGITS * condition * max(abs(wanted))
+
+
+@pytest.mark.parametrize(
+    ('robot', 'scene', 'message'),
+    [
+        (chain(3), pfd.Scene(armature='model'), 'without rotor inertias and brakes'),
+        (chain(3), pfd.Scene(brakes=True), 'without rotor inertias and brakes'),
+        (without_mass(chain(3), (1,)), pfd.Scene(), r"got 0 kg .* on joint 'joint2'"),
+        (
+            replace(chain(3), inertias=np.diag([1.0, 1.0, 0.0])[None].repeat(3, axis=0) * 0.1),
+            pfd.Scene(),
+            r"at least 0 kg m\^2 on joint 'joint1'",
+        ),
+    ],
+)
+def test_unsupported_arms_are_refused(robot: pfd.Robot, scene: pfd.Scene, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        CONSTRAINED(resolve_plant(robot, scene), 'parallel')
+
+
+# ---- divide and conquer ----
+
+
+DIVIDED = FORWARD_METHODS['divide_and_conquer']
+MASSLESS = (
+    *((4, (1,)), (5, (1, 2)), (6, (0, 2, 4))),
+    pytest.param(8, (1, 2, 5, 6), marks=pytest.mark.slow),
+)
+# A power of two times the inertia, added and taken back, leaves its own rounding in the pivots.
+LENT = 1e-13
+
+
+def solution(oracle: Oracle, q: Array, qd: Array, tau: Array) -> Array:
+    """Return qdd by NumPy from Pinocchio's H and bias."""
+    return np.linalg.solve(oracle.H(q), tau - oracle.tau(q, qd, 0 * q))
+
+
+@pytest.mark.parametrize('schedule', one_fast(MACHINE_SCHEDULES))
+@pytest.mark.parametrize(('n', 'links'), MASSLESS)
+def test_massless_links_are_carried_by_those_beyond_them(
+    n: int, links: tuple[int, ...], schedule: str
+) -> None:
+    rng = np.random.default_rng(n)
+    for types in (['revolute'] * n, (['prismatic', 'revolute'] * n)[:n]):
+        robot = without_mass(random_chain(rng, n, joint_types=types), links)
+        plant, oracle = resolve_plant(robot), Oracle(robot)
+        q, qd, tau = random_state(rng, n)
+        inputs = {'q': q, 'qd': qd, 'tau': tau}
+        found = run_program(DIVIDED(plant, schedule), inputs)
+        tolerance = ACCELERATION * jacobi_condition(oracle.H(q))
+        assert relative(found['qdd'], solution(oracle, q, qd, tau)) < tolerance
+        assert (found['pivots'] > 0).all()
+
+
+def test_lent_rotors_are_taken_back_to_fifty_digits() -> None:
+    rng = np.random.default_rng(35)
+    robot = without_mass(random_chain(rng, 5, 0.3), (1, 2))
+    scene = pfd.Scene(brakes=True)
+    q, qd, tau = random_state(rng, 5)
+    for free in (np.ones(5), np.array([1.0, 0.0, 1.0, 1.0, 1.0])):
+        inputs = {'q': q, 'qd': qd, 'tau': tau, 'free': free}
+        a, b = (
+            run_program(record(resolve_plant(robot, scene), 'parallel'), inputs, digits=50)['qdd']
+            for record in (DIVIDED, FORWARD_METHODS['pcrbm'])
+        )
+        assert max(abs(a - b)) <= FIFTY_DIGITS * max(abs(b))
+        np.testing.assert_array_equal(a[free == 0].astype(float), 0.0)
+
+
+def test_links_a_millionth_of_their_load_are_lent_rotors_and_keep_their_digits() -> None:
+    rng = np.random.default_rng(36)
+    whole = random_chain(rng, 6, 0.0)
+    light = np.where(np.arange(6) < 5, 1e-7, 1.0)
+    robot = replace(
+        whole, masses=whole.masses * light, inertias=whole.inertias * light[:, None, None]
+    )
+    q, qd, tau = random_state(rng, 6)
+    inputs = {'q': q, 'qd': qd, 'tau': tau}
+    exact = run_program(
+        FORWARD_METHODS['pcrbm'](resolve_plant(robot), 'parallel'), inputs, digits=50
+    )['qdd']
+    found = run_program(DIVIDED(resolve_plant(robot), 'parallel'), inputs)['qdd']
+    tolerance = ACCELERATION * jacobi_condition(Oracle(robot).H(q))
+    assert relative(found, exact.astype(float)) < tolerance
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize('schedule', MACHINE_SCHEDULES)
+@pytest.mark.parametrize('n', [1, 2, 3, 6])
+def test_a_chain_that_ends_in_nothing_has_a_pivot_at_zero(n: int, schedule: str) -> None:
+    robot = without_mass(chain(n), (n - 1,))
+    rng = np.random.default_rng(n)
+    inputs = dict(zip(('q', 'qd', 'tau'), random_state(rng, n), strict=True))
+    pivots = run_program(DIVIDED(resolve_plant(robot), schedule), inputs)['pivots']
+    assert abs(pivots[-1]) < LENT  # of the 1 kg m^2 or 1 kg that it is lent
+    rotor = resolve_plant(robot, pfd.Scene(armature=[0.1] * n))
+    assert (run_program(DIVIDED(rotor, schedule), inputs)['pivots'] > 0).all()

@@ -89,29 +89,31 @@ def run(engine: Engine, step: Step, link: Link, rows: Rows, allowed: Collection[
     `step` takes commands and runs to the next cycle that a number divides; it returns messages and
     verdicts, as LockstepArm.step. Errors are those of the arm and of the link.
     """
-    settings = engine.state.settings
+    settings, silent = engine.state.settings, link.silent
     every = settings.publish_every
-    if not link.silent:
+    if not silent and settings.publish_clock:
         # States and clock ticks may have periods of their own.
-        every = math.gcd(every, settings.clock_every) if settings.publish_clock else every
-    messages = [] if link.silent else engine.present()
+        every = math.gcd(every, settings.clock_every)
+    messages = [] if silent else engine.present()
     # Whether each round ends in a published state.
     always = every == settings.publish_every and not settings.drop_state
-    published, k, count, accepted = True, 0, len(rows.time), [ACCEPTED]
+    answer, measure = link.answer, engine.measured
+    states, times, accepted = rows.states, rows.time, [ACCEPTED]
+    published, k, count = True, 0, len(times)
     while True:
-        time, measured = seconds_of(engine.stamp_ns), engine.measured()
+        time, measured = seconds_of(engine.stamp_ns), measure()
         if published:
             # The effort of a row is in the next state, with which the next run begins.
-            rows.states[k] = measured
+            states[k] = measured
             if k == count:
                 return
-            rows.time[k] = time
+            times[k] = time
             k += 1
-        commands = link.answer(messages, time, measured)
+        commands = answer(messages, time, measured)
         if commands:
             rows.compute_time[k - 1] = link.seconds
         messages, verdicts = step(commands, every)
-        if verdicts != accepted or not link.silent:
+        if verdicts != accepted or not silent:
             for command, verdict in zip(commands, verdicts, strict=True):
                 found = rejection(command, verdict, engine.names)
                 if found is not None and found.label not in allowed:

@@ -98,7 +98,6 @@ NAMES = {
     # pfd_core.dynamics: recorders of serial programs; tables of methods and quantities
     'record_derivatives': 'pfd_core.dynamics.acceleration:record_derivatives',
     'record_actuators': 'pfd_core.dynamics.actuators:record_actuators',
-    'cut_off': 'pfd_core.dynamics.drives:cut_off',
     'record_motor_torques': 'pfd_core.dynamics.drives:record_motor_torques',
     'fused_product': 'pfd_core.dynamics.inverse:fused_product',
     'FORWARD_METHODS': 'pfd_core.dynamics.methods:FORWARD',

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import cache
 import math
 from typing import Any
@@ -28,9 +27,7 @@ from closed_forms import (
     rounds,
     routes_by_section,
 )
-from drive_scenes import OTHER
 import numpy as np
-from oracle import WRENCH
 import pytest
 from zoo import random_chain, random_state
 
@@ -173,27 +170,6 @@ def test_an_effect_that_is_on_costs_its_operations(effect: str) -> None:
     assert on - bare == more
 
 
-@pytest.mark.parametrize('n', [2, 3, 6, 8])
-def test_gravity_compensation_has_its_closed_form_of_steps(n: int) -> None:
-    robot = replace(chain(n), base_rotation=np.eye(3))
-    for scene, products, sums in (
-        (pfd.Scene(gravity_compensation=True, effort_limits=[1.0] * n), 9, 3 * levels(n) + 7),
-        (pfd.Scene(gravity_compensation=pfd.Scene(payload=OTHER)), 18, 3 * levels(n) + 11),
-    ):
-        program = FORWARD_METHODS['pcrbm'](resolve_plant(robot, scene), 'parallel')
-        assert arithmetic(program.count(section='drives'))[:2] == (products, sums)
-
-
-@pytest.mark.parametrize('rows', [1, 2, 4])
-def test_limits_have_their_closed_form_of_steps(rows: int) -> None:
-    found = np.stack([np.arange(rows), 10.0 - np.arange(rows)], axis=1)
-    program = FORWARD_METHODS['pcrbm'](
-        resolve_plant(chain(5), pfd.Scene(torque_speed=[found] * 5)), 'parallel'
-    )
-    steps = arithmetic(program.count(section='drives'))[:2]
-    assert steps == ((0, 2) if rows == 1 else (rows - 1, 2 * (rows - 1) + 3))
-
-
 # ---- serial methods --------------------------------------------------------------------------
 
 
@@ -274,55 +250,10 @@ def totals(method: str, n: int) -> Counts:
     return sum(one), sum(two), sum(three)
 
 
-@pytest.mark.parametrize('method', SERIAL)
-def test_nothing_is_routed_and_each_angle_takes_a_sine_and_a_cosine(method: str) -> None:
-    program = recorded(method, 7)
-    steps = program.count()
-    assert (steps.sines, steps.routes, steps.square_roots, program.lanes) == (14, 0, 0, 1)
-    assert (steps.multiplications, steps.additions, steps.divisions) == totals(method, 7)
-
-
-PRINTED = {
-    'walker_orin_1': (3418, 2502),
-    'walker_orin_2': (2308, 1692),
-    'walker_orin_3': (1627, 1255),
-    'walker_orin_4': (3435, 2532),
-    'articulated_body': (2280, 1816),
-}
-AT_SIX = {
-    'walker_orin_1': (1905, 1580, 6),
-    'walker_orin_2': (1577, 1327, 6),
-    'walker_orin_3': (1226, 1049, 6),
-    'walker_orin_4': (2738, 2279, 13),
-    'articulated_body': (1373, 1159, 6),
-}
-
-
-@pytest.mark.parametrize('method', SERIAL)
-def test_six_joints_take_fewer_operations_than_the_paper_prints(method: str) -> None:
-    # Method 4 in the n iterations that the paper supposes; its divisions are multiplications.
-    steps = recorded(method, 6).count(iterations=6)
-    found = steps.multiplications, steps.additions, steps.divisions
-    assert found == AT_SIX[method]
-    assert found[0] + found[2] < PRINTED[method][0]
-    assert found[1] < PRINTED[method][1]
-
-
 def test_articulated_bodies_overtake_composite_bodies_at_nine_joints() -> None:
     for n in SERIAL_SIZES[1:]:
         one, three = (sum(totals(method, n)) for method in ('articulated_body', 'walker_orin_3'))
         assert (one < three) == (n >= 9)
-
-
-@pytest.mark.parametrize('method', SERIAL)
-def test_a_wrench_takes_24_multiplications_and_additions(method: str) -> None:
-    # Two vectors turned to the axes of the last joint, a lever and two sums.
-    for n in range(2, 8):
-        robot = random_chain(np.random.default_rng(n), n, 0.0)
-        found = FORWARD_METHODS[method](resolve_plant(robot, WRENCH), 'sequential').count()
-        bare = FORWARD_METHODS[method](resolve_plant(robot), 'sequential').count()
-        assert found.multiplications == bare.multiplications + 24
-        assert found.additions == bare.additions + 24
 
 
 # ---- beyond the paper ------------------------------------------------------------------------
@@ -330,17 +261,6 @@ def test_a_wrench_takes_24_multiplications_and_additions(method: str) -> None:
 
 def steps_of(method: str, plant: Any, section: str) -> tuple[int, int, int, int]:
     return arithmetic(FORWARD_METHODS[method](plant, 'parallel').count(section=section))
-
-
-@pytest.mark.parametrize('n', SIZES)
-def test_omega_takes_66_multiplications_and_15_levels_and_62_additions(n: int) -> None:
-    # newton_euler: 87 and 15 L + 65; the paper prints 84 and 15 L + 63.
-    single = n == 1
-    wanted = (66 - 6 * single, 15 * levels(n) + 62 - 3 * single, 0, 0)
-    assert steps_of('pcrbm_base_origin', resolve_plant(chain(n)), 'omega') == wanted
-    for plant in (resolve_plant(chain(n, prismatic=True)), resolve_plant(chain(n), WRENCHED)):
-        if not single:
-            assert steps_of('pcrbm', plant, 'omega') == (66, 15 * levels(n) + 68, 0, 0)
 
 
 @pytest.mark.parametrize('n', SIZES)

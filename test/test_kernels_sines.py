@@ -262,29 +262,6 @@ def test_the_tables_hold_pi_to_their_last_bit() -> None:
         assert int(mpmath.nint(mpmath.ldexp(2 * mpmath.pi, 125))) == WRAP_TWO_PI
 
 
-def test_no_float64_comes_closer_to_a_turn_than_the_error_bound_assumes() -> None:
-    # The best approximation of x / 2 pi = m a by an integer, m < 2^53, is at a convergent of
-    # the continued fraction of a = 2^e / 2 pi.
-    bits = 1600
-    with mpmath.workprec(bits + 64):
-        turns = int(mpmath.floor(mpmath.ldexp(1 / (2 * mpmath.pi), bits)))
-    one = 1 << bits
-    closest = []
-    for e in range(17 - 53, 1024 - 53 + 1):
-        fraction = (turns << e if e >= 0 else turns >> -e) % one
-        high, low = one, fraction
-        before, m = 0, 1
-        while m < 1 << 53:
-            distance = m * fraction % one
-            closest.append((min(distance, one - distance), m * 2.0**e))
-            quotient, rest = divmod(high, low)
-            high, low = low, rest
-            before, m = m, quotient * m + before
-    distance, x = min(closest)
-    assert distance > one >> 62
-    assert x == 4 * HARDEST
-
-
 @pytest.mark.parametrize('x', [np.nan, np.inf, -np.inf])
 def test_an_angle_that_is_not_finite_becomes_nan(
     wrapped: Callable[[float], float], x: float

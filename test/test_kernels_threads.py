@@ -111,19 +111,6 @@ def test_a_small_batch_starts_no_worker(monkeypatch: pytest.MonkeyPatch) -> None
     np.testing.assert_array_equal(kernel(*arrays, threads=2), kernel(*arrays))
 
 
-def test_workers_take_blocks_as_the_caller_does() -> None:
-    seen: set[int] = set()
-
-    def work(first: int, size: int) -> int:
-        seen.add(threading.get_ident())
-        time.sleep(0.001)
-        return 1 << first
-
-    assert run_blocks(work, 20, 1, 3) == (1 << 20) - 1
-    assert 2 <= len(seen) <= 3
-    assert threading.get_ident() in seen
-
-
 def test_workers_have_ended_their_blocks_when_the_caller_is_stopped() -> None:
     caller, working = threading.get_ident(), threading.Semaphore(0)
     begun: list[int] = []

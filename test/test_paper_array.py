@@ -76,19 +76,6 @@ def test_a_value_that_is_not_read_in_the_next_cycle_is_lost() -> None:
     assert trace.leaving((1, 1), 'right') == ['a', 'c']
 
 
-def test_cells_that_only_pass_items_on_are_not_counted() -> None:
-    def silent(state: Any, ports: SystolicPorts) -> SystolicStep:
-        return SystolicStep(state, {'right': ports['left']})
-
-    links = row_of_cells(3, silent).links
-    array = SystolicArray({(1, 1): silent, (1, 2): pass_on, (1, 3): silent}, links)
-    trace = array.run({FIRST: {1: 'a'}})
-    assert trace.cycles == 2
-    assert trace.actions[:2] == ({}, {(1, 2): 'pass'})
-    assert trace.utilisation == pytest.approx(1 / 6)
-    assert (trace.cycles_with('pass'), trace.cycles_with('divide')) == (1, 0)
-
-
 def test_a_cell_cannot_read_where_it_has_no_link() -> None:
     def peek(state: Any, ports: SystolicPorts) -> SystolicStep:
         assert ports.get('up') is None
@@ -301,29 +288,6 @@ def test_a_cell_acts_once_for_each_element_of_its_row(n: int) -> None:
         }
 
 
-@pytest.mark.parametrize('n', [1, 2, 4, 5])
-def test_the_labels_of_the_picture_are_what_the_cells_do(n: int) -> None:
-    literal = list(page.actions('as printed', n, lambda *at: page.literal_label(n, *at)))
-    places: dict[str, list[tuple[int, int]]] = {}
-    for x in literal:
-        k, i = x['row'], x['column']
-        if x['action'] == STORE:
-            assert x['label'] == f'{k}{i}'
-        else:
-            places.setdefault(x['label'], []).append((k, i))
-            assert (x['action'] == ROOT) == (x['label'] == f'{k}{k}' and k == i)
-    # The element h_mk passes the cells of row k from left to right.
-    for m in range(1, n + 1):
-        for k in range(1, m + 1):
-            assert places[f'{m}{k}'] == [(k, i) for i in range(1, k + 1)]
-    on_diagonal = {MULTIPLY: False, DIVIDE: True, ROOT: True}
-    for x in page.actions('corrected', n, page.corrected_label):
-        k, i, m = x['row'], x['column'], int(x['label'][0])
-        assert k <= m <= n
-        assert on_diagonal[x['action']] == (k == i)
-        assert (x['action'] == ROOT) == (m == k == i)
-
-
 @pytest.mark.parametrize('n', [2, 3])
 def test_emulate_and_a_row_count_the_same_steps_of_the_array(n: int) -> None:
     run = pfd.emulate(uniform_chain(n), *[[0.1] * n] * 3, method='pcrbm_array')
@@ -468,15 +432,3 @@ def test_a_whole_solve_takes_an_action_for_each_element_in_a_row_and_two_for_eac
     assert trace.cycles == 5 * n - 2
     acting = sum(map(len, trace.actions))
     assert acting == n * (n + 1) * (n + 2) // 6 + n * (n + 1)
-
-
-def test_the_sets_of_the_page_are_those_of_appendix_c_and_four_processors_add_their_terms() -> (
-    None
-):
-    rows = page.measure(quick=True)['sets']
-    for k, (state, added) in enumerate(zip(set_ordering(4), (4, 4, 2, 0), strict=True), 1):
-        own = [x for x in rows if x['iteration'] == k]
-        assert {x['set']: x['terms'] for x in own} == {
-            'S_{}{}'.format(*index): state.terms(index) for index in state.additions
-        }
-        assert sorted(x['worker'] for x in own if x['worker']) == list(range(1, added + 1))

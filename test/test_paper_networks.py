@@ -14,22 +14,14 @@ from typing import Any
 
 from bridge import (
     FORWARD_METHODS,
-    Lanes,
     NetworkError,
     NetworkHop,
-    Recorder,
     carry_messages,
     default_pcgm_limit,
-    iterate,
-    lane_broadcast,
-    lane_merge,
-    lane_shift,
-    lane_where,
     network_carrier,
     network_hops,
     network_steps,
     network_wiring,
-    on_lane,
     resolve_plant,
     route_steps,
     run_program,
@@ -128,22 +120,6 @@ def test_one_word_takes_the_shortest_path(network: str) -> None:
                 assert route_steps(network, tuple(route)) == apart[source, target]
 
 
-@pytest.mark.parametrize('k', range(4))
-def test_a_shift_by_a_power_of_two_takes_the_known_steps_of_the_network(k: int) -> None:
-    n, by = 16, 2**k
-    shifted = tuple(i - by if i >= by else None for i in range(n))
-    assert {network: route_steps(network, shifted) for network in NETWORKS} == {
-        'crossbar': 1,
-        'pm2i': 1,
-        'cube': 1 if k == 0 else 2,  # Gray code
-        # Along a row, and where the row ends back along the next one.
-        'mesh': (by // 4) or 4 - by + 1,
-        'ring': by,
-        'shuffle': route_steps('shuffle', shifted),  # no closed form
-        'bus': n - by,
-    }
-
-
 @pytest.mark.parametrize('L', range(1, 6))
 def test_a_broadcast_reaches_the_farthest_lane_in_its_distance(L: int) -> None:
     n = 2**L
@@ -230,24 +206,6 @@ def test_the_orientation_recurrence_takes_the_shifts_of_its_levels(L: int) -> No
         'cube': 9 * (2 * L - 1),
         'ring': 9 * (2**L - 1),
     }
-
-
-def test_choices_cost_no_step() -> None:
-    recorder = Recorder(3)
-    x = recorder.input('x', range(3))
-    y = lane_where(x, x, 1.0)  # select
-    y = lane_merge(on_lane(y, [0]), x)  # merge
-    y = lane_merge(lane_shift(y, 1), y)  # merge after a route
-    y = lane_merge(lane_broadcast(y, 2), y)  # all lanes are filled: nothing to merge
-
-    def step(value: Lanes) -> tuple[tuple[Lanes], Lanes]:
-        value = lane_where(value, value - 1.0, value)
-        return (value,), value
-
-    (y,), _ = iterate(step, (y,), y, 10)
-    recorder.output('y', (1,), [(y, 0)])
-    program = recorder.program()
-    assert program.count(iterations=4) == pfd.Steps(additions=4, routes=2)
 
 
 # ---- times of systems ----

@@ -92,6 +92,7 @@ RESERVED = {
         'pfd_ros.view.live',
         'pfd_ros.cli.send',
         'pfd_ros.replay.publish',
+        'pfd_ros.messages.matching',
     },
 }
 

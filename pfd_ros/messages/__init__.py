@@ -11,6 +11,7 @@
     columns            fields of many messages of any type as arrays, by its definition
     qos                QoS profiles as rosbag2 writes them
     topics             topics and message classes for nodes of rclpy
+    matching           why endpoints of other nodes are not connected
 
 A message type that arms read or write is a name in `types`, and its functions in one module.
 """

@@ -12,18 +12,10 @@ from itertools import islice
 import time
 from typing import Any
 
-from rclpy.duration import Infinite
 from rclpy.node import Node
-from rclpy.qos import (
-    DurabilityPolicy,
-    LivelinessPolicy,
-    QoSCompatibility,
-    QoSProfile,
-    ReliabilityPolicy,
-    qos_check_compatible,
-)
 
 from pfd_ros.arm.events import ARRAY, CLOCK, COMMANDS, NAMED, ROLES, STATES
+from pfd_ros.messages.matching import mismatch
 from pfd_ros.messages.topics import UNKNOWN_NODE, node_of
 from pfd_ros.node.endpoints import Endpoints
 from pfd_ros.node.report import Report
@@ -114,27 +106,15 @@ class GraphCheck:
         """Return whether an endpoint of another node matches ours; count and log it if not."""
         inputs, publishing = self._endpoints.subscriptions, role in self._endpoints.subscriptions
         end = inputs[role] if publishing else self._endpoints.publishers[role]
-        key, wanted, topic = tuple(info.endpoint_gid), ROLES[role].type, end.topic_name
-        does = f'node {cut(node_of(info))!r} {"publishes" if publishing else "subscribes to"}'
-        if info.topic_type != wanted:
+        wanted, topic = ROLES[role].type, end.topic_name
+        text = mismatch(info, topic, wanted, end.qos_profile, publishes=publishing)
+        if not text:
+            return True
+        if publishing and info.topic_type != wanted:
             others = [other for other in inputs if ROLES[other].type == info.topic_type]
-            hint = f'; use {self._endpoints.topic(others[0])} for this type' if others else ''
-            text = (
-                f'{does} {cut(info.topic_type)!r} on {topic}, which has the type {wanted}: no '
-                f'messages received{hint if publishing else ""}'
-            )
-        else:
-            own, theirs = _effective(end.qos_profile), info.qos_profile
-            level, reason = qos_check_compatible(*((theirs, own) if publishing else (own, theirs)))
-            # An enumeration of the C++ part, which equals none of Python's.
-            if int(level) != QoSCompatibility.ERROR:
-                return True
-            text = (
-                f'{does} {topic} with incompatible QoS ({reason.strip()}): no messages received; '
-                f'{_cure(end, info, publishing)}'
-            )
+            text += f'; use {self._endpoints.topic(others[0])} for this type' if others else ''
         self.mismatched += 1
-        self._report.once(('mismatch', key), text)
+        self._report.once(('mismatch', tuple(info.endpoint_gid)), text)
         return False
 
     def _check_alone(self, end: Any, trouble: str) -> None:
@@ -147,26 +127,3 @@ class GraphCheck:
             self._report.once(
                 ('second', end.topic_name), f'node {name} publishes {end.topic_name} {trouble}'
             )
-
-
-def _effective(profile: QoSProfile) -> QoSProfile:
-    """Return our profile as the graph reports it, with infinite instead of unset policies."""
-    return QoSProfile(
-        depth=profile.depth,
-        reliability=profile.reliability,
-        durability=profile.durability,
-        deadline=Infinite,
-        liveliness=LivelinessPolicy.AUTOMATIC,
-        liveliness_lease_duration=Infinite,
-    )
-
-
-def _cure(end: Any, info: Any, publishing: bool) -> str:
-    if not publishing:
-        return 'subscribe reliable or best effort, volatile, without deadline and liveliness'
-    if info.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT:
-        name = f'qos_overrides.{end.topic_name}.subscription.reliability'
-        return f'publish reliable, or set {name}:=best_effort'
-    latched = end.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
-    durability = 'transient local' if latched else 'volatile'
-    return f'publish reliable and {durability}, without deadline and liveliness'

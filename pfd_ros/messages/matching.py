@@ -1,0 +1,72 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Why an endpoint of another node is not connected to one of ours: its type or its QoS."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rclpy.duration import Infinite
+from rclpy.qos import (
+    DurabilityPolicy,
+    LivelinessPolicy,
+    QoSCompatibility,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_check_compatible,
+)
+
+from pfd_ros.messages.topics import node_of
+from pfd_ros.text import cut
+
+
+def mismatch(info: Any, topic: str, wanted: str, own: QoSProfile, *, publishes: bool) -> str:
+    """Return why no message passes between an endpoint of the graph and ours, '' if they match.
+
+    Parameters
+    ----------
+    info
+        The endpoint, as rclpy has it.
+    topic, wanted, own
+        Topic, type and profile of ours.
+    publishes
+        Whether the endpoint publishes and ours subscribes.
+    """
+    does = f'node {cut(node_of(info))!r} {"publishes" if publishes else "subscribes to"}'
+    if info.topic_type != wanted:
+        return (
+            f'{does} {cut(info.topic_type)!r} on {topic}, which has the type {wanted}: no '
+            'messages received'
+        )
+    ours, theirs = _effective(own), info.qos_profile
+    level, reason = qos_check_compatible(*((theirs, ours) if publishes else (ours, theirs)))
+    # An enumeration of the C++ part, which equals none of Python's.
+    if int(level) != QoSCompatibility.ERROR:
+        return ''
+    return (
+        f'{does} {topic} with incompatible QoS ({reason.strip()}): no messages received; '
+        f'{_cure(own, topic, theirs, publishes)}'
+    )
+
+
+def _effective(profile: QoSProfile) -> QoSProfile:
+    """Return our profile as the graph reports it, with infinite instead of unset policies."""
+    return QoSProfile(
+        depth=profile.depth,
+        reliability=profile.reliability,
+        durability=profile.durability,
+        deadline=Infinite,
+        liveliness=LivelinessPolicy.AUTOMATIC,
+        liveliness_lease_duration=Infinite,
+    )
+
+
+def _cure(own: QoSProfile, topic: str, theirs: QoSProfile, publishes: bool) -> str:
+    if not publishes:
+        return 'subscribe reliable or best effort, volatile, without deadline and liveliness'
+    if theirs.reliability is ReliabilityPolicy.BEST_EFFORT:
+        name = f'qos_overrides.{topic}.subscription.reliability'
+        return f'publish reliable, or set {name}:=best_effort'
+    latched = own.durability is DurabilityPolicy.TRANSIENT_LOCAL
+    durability = 'transient local' if latched else 'volatile'
+    return f'publish reliable and {durability}, without deadline and liveliness'

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Why an endpoint of another node is not connected to one of ours: its type or its QoS."""
+"""QoS that parameters override, and why an endpoint of another node does not match ours."""
 
 from __future__ import annotations
 
@@ -11,13 +11,21 @@ from rclpy.qos import (
     DurabilityPolicy,
     LivelinessPolicy,
     QoSCompatibility,
+    QoSPolicyKind,
     QoSProfile,
     ReliabilityPolicy,
     qos_check_compatible,
 )
+from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from pfd_ros.messages.topics import node_of
 from pfd_ros.text import cut
+
+# Of ours, by parameters. A publisher that keeps all messages blocks where a reader does not read,
+# so not the history.
+OVERRIDABLE = QoSOverridingOptions(
+    (QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY, QoSPolicyKind.RELIABILITY)
+)
 
 
 def mismatch(info: Any, topic: str, wanted: str, own: QoSProfile, *, publishes: bool) -> str:

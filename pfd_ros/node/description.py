@@ -27,9 +27,10 @@ from pfd_ros.arm.description import (
 )
 from pfd_ros.arm.events import DESCRIPTION, ROLES
 from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.matching import OVERRIDABLE
 from pfd_ros.messages.text_and_arrays import decode_string
 from pfd_ros.messages.topics import remapped
-from pfd_ros.node.endpoints import OVERRIDABLE, profile
+from pfd_ros.node.endpoints import profile
 from pfd_ros.text import one_line
 
 # As `load_robot` takes it; a larger message is not decoded.

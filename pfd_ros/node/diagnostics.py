@@ -35,7 +35,7 @@ from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import ACCEPTED, COMMANDS, DIAGNOSTICS, ROLES
 from pfd_ros.arm.plant import INPUT, Plant, acceleration_kernel
 from pfd_ros.arm.state import NEXT
-from pfd_ros.node.endpoints import OVERRIDABLE
+from pfd_ros.messages.matching import OVERRIDABLE
 from pfd_ros.node.graph import GraphCheck
 from pfd_ros.node.report import Report, is_rejection, speed_of
 from pfd_ros.node.services import NANOSECONDS

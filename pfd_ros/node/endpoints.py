@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from pfd_ros.arm.events import CLOCK, CLOCK_TICKS, INPUT, PAYLOAD_IN_USE, ROLES
+from pfd_ros.messages.matching import OVERRIDABLE
 from pfd_ros.messages.topics import message_class
 
 # Of outputs that a reader wants each of; of the others the newest message is enough.
@@ -21,10 +21,6 @@ OUTPUT_DEPTH = 10
 NEWEST_ONLY = frozenset({CLOCK, PAYLOAD_IN_USE})
 # As rclpy and rclcpp subscribe a clock: the next tick replaces a lost one.
 BEST_EFFORT = frozenset({CLOCK_TICKS})
-# A publisher that keeps all messages blocks where a reader does not read, so not the history.
-OVERRIDABLE = QoSOverridingOptions(
-    (QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY, QoSPolicyKind.RELIABILITY)
-)
 
 
 class Endpoints(NamedTuple):

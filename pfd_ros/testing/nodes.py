@@ -14,8 +14,9 @@ not promise it. `notes` reports what is seen of nodes that are not repeatable.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
+from inspect import iscoroutinefunction
 import math
 from time import perf_counter, time_ns
 from typing import Any
@@ -27,7 +28,7 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter as NodeParameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
 from rclpy.utilities import get_default_context, get_rmw_implementation_identifier, ok
 
@@ -46,6 +47,7 @@ from pfd_ros.arm.events import (
     Verdict,
 )
 from pfd_ros.messages.cdr import NANOSECONDS
+from pfd_ros.messages.matching import OVERRIDABLE, mismatch
 from pfd_ros.messages.text_and_arrays import encode_string
 from pfd_ros.messages.topics import UNKNOWN_NODE, message_class, node_of, topic_of
 from pfd_ros.motion.metrics import Array
@@ -128,11 +130,32 @@ class _WithoutTimers:
 
     timers = ()
 
-    def __init__(self, node: Node) -> None:
-        self._node, self.executor = node, None
+    def __init__(self, node: Node, events: Any) -> None:
+        self._node, self._events, self.executor = node, events, None
+        self._awaiting: dict[Any, _AsTask] = {}
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._node, name)
+
+    @property
+    def subscriptions(self) -> list[Any]:
+        return [
+            self._awaiting.setdefault(one, _AsTask(one, self._events))
+            if iscoroutinefunction(one.callback)
+            else one
+            for one in self._node.subscriptions
+        ]
+
+
+class _AsTask:
+    """A subscription whose callback is a coroutine, which the executor does not await itself."""
+
+    def __init__(self, subscription: Any, events: Any) -> None:
+        self._subscription, run = subscription, subscription.callback
+        self.callback = lambda *message: events.create_task(run, *message)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._subscription, name)
 
 
 class _Executor:
@@ -145,10 +168,28 @@ class _Executor:
         return getattr(self._events, name)
 
     def add_node(self, node: Node) -> None:
-        self._events.add_node(_WithoutTimers(node))
+        self._events.add_node(_WithoutTimers(node, self._events))
 
     def remove_node(self, node: Node) -> None:
         """Leave the node in: the executor ends with the link."""
+
+
+def _mismatches(
+    node: Node, topics: Mapping[str, tuple[Any, str]], made: Mapping[str, Any]
+) -> Iterator[str]:
+    """Yield why ends of other nodes are not connected to those of the arm, made or to be made."""
+    for role, (_, topic) in topics.items():
+        name, wanted = node.resolve_topic_name(topic), ROLES[role].type
+        own = made[role].qos_profile if role in made else _offered(role)
+        for publishes, found in (
+            (True, node.get_publishers_info_by_topic(name)),
+            (False, node.get_subscriptions_info_by_topic(name)),
+        ):
+            for info in found:
+                if publishes == (role in COMMANDS) or info.topic_type != wanted:
+                    text = mismatch(info, name, wanted, own, publishes=publishes)
+                    if text:
+                        yield text
 
 
 def _offered(role: str) -> QoSProfile:
@@ -179,6 +220,11 @@ class NodeLink:
         self._processes = [one for one in controllers if isinstance(one, ControllerProcess)]
         self._nodes = [one for one in controllers if not isinstance(one, ControllerProcess)]
         for node in self._nodes:
+            if not isinstance(node, Node):
+                raise TypeError(
+                    f'spin got {one_line(repr(node), 100)}, expected nodes of rclpy or processes '
+                    'of controller_process; run(controller, seconds) takes a function'
+                )
             if node.executor is not None and node in node.executor.get_nodes():
                 raise ControllerError(f'node {node.get_name()!r} is in an executor already')
         settings = engine.state.settings
@@ -202,28 +248,40 @@ class NodeLink:
         roles |= {DESCRIPTION} if settings.publish_description else set()
         writes = PublisherEventCallbacks(use_default_callbacks=False)
         reads = SubscriptionEventCallbacks(use_default_callbacks=False)
-        # Compatible with best-effort and with reliable publishers.
-        served = QoSProfile(depth=COMMAND_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+        # Reliable, as that of the node: it has the same overrides.
+        served = QoSProfile(depth=COMMAND_DEPTH)
         ends = {
             role: (message_class(row.type), topic_of(self._node, row.topic, topics.get(role, '')))
             for role, row in ROLES.items()
             if role in roles or role in COMMANDS
         }
-        self._publishers = {
-            role: self._node.create_publisher(*ends[role], _offered(role), event_callbacks=writes)
-            for role in ROLES
-            if role in roles
-        }
-        self._commands = {
-            role: self._node.create_subscription(
-                *ends[role],
-                partial(self._on_command, role),
-                served,
-                raw=True,
-                event_callbacks=reads,
-            )
-            for role in COMMANDS
-        }
+        try:
+            self._publishers = {
+                role: self._node.create_publisher(
+                    *ends[role], _offered(role), event_callbacks=writes
+                )
+                for role in ROLES
+                if role in roles
+            }
+            self._commands = {
+                role: self._node.create_subscription(
+                    *ends[role],
+                    partial(self._on_command, role),
+                    served,
+                    raw=True,
+                    event_callbacks=reads,
+                    qos_overriding_options=OVERRIDABLE,
+                )
+                for role in COMMANDS
+            }
+        except rclpy_implementation.RCLError:
+            # Within a process the middleware refuses a second type on a topic.
+            found = list(_mismatches(self._node, ends, {}))
+            self._node.destroy_node()
+            if not found:
+                raise
+            raise ControllerError('; '.join(found)) from None
+        self._topics = ends
         for end in self._commands.values():
             # The executor passes the message with its information as one argument.
             end._callback_type = end.CallbackType.WithMessageInfo
@@ -358,7 +416,9 @@ class NodeLink:
             elif peer.sim_time and CLOCK in self._publishers and (CLOCK, name) not in ends:
                 yield f'{name} has use_sim_time and does not read /clock'
         if sum(matched) != len(roles) - roles.count('events') or UNKNOWN_NODE in str(ends):
-            yield 'topics are not connected'
+            made = {**self._publishers, **self._commands}
+            found = list(_mismatches(self._node, self._topics, made))
+            yield from found or ['topics are not connected']
 
     def _on_command(self, role: str, *taken: Any) -> None:
         data, info = taken[0] if len(taken) == 1 else taken
@@ -399,6 +459,10 @@ class NodeLink:
     def _commands_of(self, sent: dict[str, int]) -> list[Command]:
         """Return the commands that came after messages were sent, by role at times [ns]."""
         came, self._came = self._came, []
+        first = min(sent.values(), default=0)
+        for _, _, when in came:
+            if when < first:
+                self._note(LATE)
         if self._peers:
             self._note_unexplained(came, sent)
         if self._answers_states:
@@ -423,8 +487,6 @@ class NodeLink:
     def _note_unexplained(self, came: Sequence[Any], sent: dict[str, int]) -> None:
         """Note commands of peers that no message of the arm explains."""
         for _, _, when in came:
-            if when < min(sent.values(), default=0):
-                self._note(LATE)
             self._after.add(CLOCK if when >= sent.get(CLOCK, math.inf) else STATES)
         if self._several and len(came) > 1:
             self._note('several nodes commanded at once: their order is chance')

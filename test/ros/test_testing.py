@@ -10,6 +10,7 @@ from functools import partial
 import os
 from pathlib import Path
 import pickle
+import re
 import signal
 import sys
 import time
@@ -633,6 +634,108 @@ def test_a_node_elsewhere_that_cannot_be_in_lockstep_is_named(
     with ur5() as arm, pytest.raises(NoAnswerError, match=text):
         arm.spin(0.1, start_patience=3.0)
     node.destroy_node()
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    ('topic', 'offered', 'wanted', 'text'),
+    [
+        (
+            'joint_commands',
+            'BEST_EFFORT',
+            'VOLATILE',
+            'publishes /joint_commands with incompatible',
+        ),
+        (
+            'joint_commands',
+            'RELIABLE',
+            'TRANSIENT_LOCAL',
+            'subscribes to /joint_states with incomp',
+        ),
+        (
+            'sim_arm/commands',
+            'RELIABLE',
+            'VOLATILE',
+            "publishes 'sensor_msgs/msg/JointState' on /",
+        ),
+    ],
+    ids=['best effort', 'transient local', 'type'],
+)
+def test_a_node_whose_ends_do_not_match_those_of_the_arm_is_named_and_the_remedy_works(
+    topic: str, offered: str, wanted: str, text: str, domain: int
+) -> None:
+    from rclpy.node import Node
+    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+    from sensor_msgs.msg import JointState
+
+    node = Node('pd')
+    offer = QoSProfile(depth=1, reliability=ReliabilityPolicy[offered])
+    commands = node.create_publisher(JointState, topic, offer)
+
+    def on_state(state: Any) -> None:
+        commands.publish(JointState(name=state.name, effort=state.effort))
+
+    demand = QoSProfile(depth=1, durability=DurabilityPolicy[wanted])
+    node.create_subscription(JointState, 'joint_states', on_state, demand)
+    with ur5() as arm, pytest.raises((NoAnswerError, ControllerError), match=text) as failed:
+        arm.spin(0.1, node, start_patience=1.0)
+    assert "node '/pd'" in str(failed.value)
+    advice = re.search(r'or set (\S+)', str(failed.value))
+    assert (advice is not None) == (offered == 'BEST_EFFORT')
+    if advice:
+        with ur5(ros_args=['-p', advice[1]]) as arm:
+            assert len(arm.spin(0.1, node).time) == 100
+    node.destroy_node()
+
+
+@pytest.mark.ros
+def test_spin_names_what_is_no_node(domain: int) -> None:
+    with ur5() as arm, pytest.raises(TypeError, match='spin got <function pd '):
+        arm.spin(0.1, pd)
+
+
+@pytest.mark.ros
+def test_a_callback_that_awaits_a_service_has_the_bits_of_one_that_does_not(
+    controller_of: Callable[..., Any],
+) -> None:
+    from sensor_msgs.msg import JointState
+    from std_srvs.srv import Trigger
+
+    node = controller_of()
+    (reader,) = (one for one in node.subscriptions if one.topic_name == '/joint_states')
+    answer = reader.callback
+    node.create_service(Trigger, 'asked', lambda request, response: response)
+    asked = node.create_client(Trigger, 'asked')
+
+    async def on_state(state: Any) -> None:
+        await asked.call_async(Trigger.Request())
+        answer(state)
+
+    node.destroy_subscription(reader)
+    node.create_subscription(JointState, 'joint_states', on_state, 10)
+    with ur5() as called, ur5() as arm:
+        assert_same_bits(arm.spin(0.1, node), called.run(pd, 0.1))
+
+
+@pytest.mark.ros
+def test_a_command_of_this_process_from_outside_the_callbacks_is_noted(
+    controller_of: Callable[..., Any],
+) -> None:
+    sent: list[Any] = []
+    node = controller_of(change=sent.append)
+    (commands,) = (one for one in node.publishers if one.topic_name == '/joint_commands')
+    with ur5() as arm:
+        assert arm.spin(0.01, node).notes == []
+        step = arm.step
+
+        def busy(*given: Any) -> Any:
+            # As another thread of the controller may.
+            commands.publish(sent[-1])
+            return step(*given)
+
+        arm.step = busy  # type: ignore[method-assign]
+        (note,) = arm.spin(0.01, node).notes
+    assert 'after its node had said that it was done' in note
 
 
 # Processes.

@@ -70,15 +70,6 @@ def test_an_unknown_section_is_an_error() -> None:
         program.count(section=['row sweep'])  # type: ignore[arg-type]
 
 
-def test_a_single_joint_has_neither_recurrence_nor_row_sweep_nor_column_sweep() -> None:
-    sections = {
-        one.section
-        for one in FORWARD_METHODS['pcrbm'](resolve_plant(chain(1)), 'parallel').instructions
-    }
-    assert not sections & {'orientation', 'row sweep', 'elements of H', 'column sweeps'}
-    assert 'factorisation' in sections
-
-
 @pytest.mark.parametrize('n', SIZES[1:])
 def test_pcrbm_is_the_sum_of_its_parts(n: int) -> None:
     program = FORWARD_METHODS['pcrbm'](resolve_plant(chain(n)), 'parallel')

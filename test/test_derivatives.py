@@ -17,7 +17,6 @@ from bridge import (
     Recorder,
     derivative_program,
     directional_program,
-    eliminate_dead_code,
     fold_program,
     fuse_program,
     lane_cos,
@@ -215,39 +214,6 @@ def test_directional_derivatives_are_products_with_the_jacobian() -> None:
         assert made.inputs == {key: len(value) for key, value in given.items()}
         found = run_program(made, given, digits=50)[name].astype(float)
         np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-14)
-
-
-# ---- forward dynamics ----
-
-
-EFFECTS = pfd.Scene(external_wrench=True, damping='model', armature='model', brakes=True)
-# Central differences over 1e-16 on 50 digits: third derivatives times 1e-32 are cut off.
-HESSIAN_DIFFERENCES = 1e-26
-
-
-def forward(robot: pfd.Robot, scene: pfd.Scene) -> pfd.Program:
-    """Return a program of qdd with equal expressions shared."""
-    plant = resolve_plant(robot, scene)
-    program = record_forward_dynamics(plant, 'composite_body', 'sequential')
-    return eliminate_dead_code(fold_program(program), ['qdd'])
-
-
-def test_the_hessian_of_a_weighted_acceleration_is_symmetric_and_agrees_with_differences() -> None:
-    rng = np.random.default_rng(3)
-    types = ['revolute', 'prismatic', 'continuous', 'prismatic']
-    robot = random_chain(rng, 4, joint_types=types)
-    inputs = dict(zip(STATE, random_state(rng, 4), strict=True))
-    inputs |= {'wrench': 10 * rng.normal(size=6), 'free': np.array([1, 1, 0, 1.0])}
-    inputs['d qdd'] = rng.normal(size=4)
-    gradient = directional_program(forward(robot, EFFECTS), ['qdd'], ['q', 'qd'], 'adjoint')
-    hessian = derivative_program(gradient, ['d q', 'd qd'], ['q', 'qd'])
-    found = run_program(hessian, {key: inputs[key] for key in hessian.inputs}, digits=50)
-    whole = np.block([[found[f'd d {y}/d {x}'] for x in ('q', 'qd')] for y in ('q', 'qd')])
-    assert close(whole, whole.T, FIFTY_DIGITS)
-    assert np.abs(whole).max() > 0.1
-    for x in ('q', 'qd'):
-        wanted = differences(gradient, inputs, 'd q', x)
-        assert close(found[f'd d q/d {x}'], wanted, HESSIAN_DIFFERENCES)
 
 
 EXACT = ('ur5', 'panda', 'puma560', 'planar2', 'chain4')  # twists whose sine and cosine are exact

@@ -94,29 +94,6 @@ def test_rows_within_wider_rows_are_read_and_written_and_nothing_else(n: int, dt
     assert np.isnan(np.delete(wide[3], np.s_[1 : n + 1], axis=1)).all()
 
 
-@pytest.mark.parametrize('shift', [0, 2])
-@pytest.mark.parametrize('dtype', one_fast(DTYPES))
-def test_columns_that_evict_each_other_from_the_cache_have_the_bits_of_single_states(
-    dtype: str, shift: int
-) -> None:
-    # Columns of all arrays are two pages apart at least, and begin on lines or between them.
-    kernel = pfd.compile_kernel(random_chain(np.random.default_rng(71), 4), dtype=dtype)
-    rng = np.random.default_rng(72)
-    for count in (127, 128, 129, 1018):
-        columns = [np.full((2048, 5), np.nan, dtype, order='F')[shift:, :4] for _ in range(4)]
-        for array in columns[:3]:
-            array[:count] = rng.normal(size=(count, 4))
-        *given, out = (array[:count] for array in columns)
-        assert kernel(*given, out=out) is out
-        for k in (0, 1, count // 2, count - 2, count - 1):
-            np.testing.assert_array_equal(out[k], kernel(*(array[k] for array in given)))
-        assert np.isnan(columns[3][count:]).all()
-        given[1][count // 2, 2] = np.inf
-        message = rf'qd must be finite, got inf at index \[{count // 2}, 2\]'
-        with pytest.raises(ValueError, match=message):
-            kernel(*given, out=out)
-
-
 def test_the_result_may_overlap_an_input() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
     q, qd, tau = (x[0] for x in random_states(6, 1))

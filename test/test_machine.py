@@ -20,7 +20,6 @@ from bridge import (
     Optimisation,
     ProgramOutput,
     Recorder,
-    RoundingErrors,
     compile_kept,
     fused_multiply_add,
     host_target,
@@ -32,16 +31,9 @@ from bridge import (
     lane_sin,
     lane_sqrt,
     lane_where,
-    lower_program,
     on_lane,
-    parallel_axis,
     pattern_total,
-    rotated_symmetric,
     run_program,
-    symmetric_times,
-    vector_array,
-    vector_cross,
-    vector_dot,
 )
 import mpmath
 import numpy as np
@@ -150,27 +142,12 @@ def test_wrong_inputs_are_named(inputs, options, message: str) -> None:  # type:
         run_program(sample(4, 'parallel'), inputs, **options)
 
 
-# ---- recording ----
-
-
-UPPER = np.triu_indices(3)
-
-
 def recorded(n: int, schedule: str, function) -> pfd.Program:  # type: ignore[no-untyped-def]
     """Record function(recorder, x) with one input x of n elements and one output y."""
     recorder = Recorder(n, schedule)
     y = function(recorder, recorder.input('x', range(n)))
     lanes = [lane for lane in range(n) if y.defined >> lane & 1]
     recorder.output('y', (len(lanes),), [(y, lane) for lane in lanes])
-    return recorder.program()
-
-
-def vectors(schedule: str, function, sizes: dict[str, int]) -> pfd.Program:  # type: ignore[no-untyped-def]
-    """Record function over one lane, whose inputs are small vectors and whose result is one."""
-    recorder = Recorder(1, schedule)
-    inputs = [vector_array([recorder.input(k, [i]) for i in range(m)]) for k, m in sizes.items()]
-    result = np.ravel(function(*inputs))
-    recorder.output('y', result.shape, [(value, 0) for value in result])
     return recorder.program()
 
 
@@ -214,47 +191,6 @@ def test_where_takes_the_first_above_zero_and_the_second_elsewhere(schedule: str
 
 def square(R: np.ndarray) -> np.ndarray:
     return R.reshape(3, 3)
-
-
-def symmetric(s: np.ndarray) -> np.ndarray:
-    """Return the matrix of the elements of its upper triangle."""
-    return s[np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])]
-
-
-@pytest.mark.parametrize(
-    ('function', 'sizes', 'expected', 'multiplications', 'additions'),
-    [
-        (vector_cross, {'a': 3, 'b': 3}, np.cross, 6, 3),
-        (vector_dot, {'a': 3, 'b': 3}, np.dot, 3, 2),
-        (lambda R, v: square(R) @ v, {'R': 9, 'v': 3}, lambda R, v: square(R) @ v, 9, 6),
-        (
-            lambda A, B: square(A) @ square(B),
-            *({'A': 9, 'B': 9}, lambda A, B: square(A) @ square(B), 27, 18),
-        ),
-        (symmetric_times, {'s': 6, 'v': 3}, lambda s, v: symmetric(s) @ v, 9, 6),
-        (
-            lambda R, s: rotated_symmetric(square(R), s),
-            {'R': 9, 's': 6},
-            lambda R, s: (square(R) @ symmetric(s) @ square(R).T)[UPPER],
-            *(45, 30),
-        ),
-        (
-            parallel_axis,
-            *({'d': 3}, lambda d: (d @ d * np.eye(3) - np.outer(d, d))[UPPER], 6, 3),
-        ),
-    ],
-    ids=['cross', 'dot', 'R v', 'A B', 'S v', 'R S R^T', 'parallel axis'],
-)
-def test_products_cost_what_they_say_and_agree_with_numpy(  # type: ignore[no-untyped-def]
-    function, sizes: dict[str, int], expected, multiplications: int, additions: int
-) -> None:
-    program = vectors('parallel', function, sizes)
-    steps = program.count()
-    assert (steps.multiplications, steps.additions) == (multiplications, additions)
-    rng = np.random.default_rng(1)
-    inputs = {name: rng.normal(size=size) for name, size in sizes.items()}
-    y = run_program(program, inputs)['y']
-    np.testing.assert_allclose(y, np.ravel(expected(*inputs.values())), rtol=1e-14, atol=1e-15)
 
 
 def test_programs_print_one_instruction_a_line() -> None:
@@ -376,49 +312,12 @@ def test_a_loop_ends_when_its_number_falls_to_zero(schedule: str) -> None:
     assert y[4] == iterations
 
 
-@pytest.mark.parametrize('schedule', MACHINE_SCHEDULES)
-def test_a_loop_ends_at_its_limit(schedule: str) -> None:
-    q = np.array([1e8])
-    y = run_program(roots(1, schedule, at_most=3), {'q': q})['y']
-    np.testing.assert_array_equal(y, [newton(q, 3)[0][0], 3])
-
-
-def test_a_finished_problem_keeps_its_bits_while_others_continue() -> None:
-    q = np.array([[4.0], [1e6], [2.0], [1e-6], [-1.0]])
-    together = run_program(roots(1, 'sequential'), {'q': q})['y']
-    for row, alone in zip(together, q, strict=True):
-        np.testing.assert_array_equal(row, run_program(roots(1, 'sequential'), {'q': alone})['y'])
-    assert len(set(together[:4, 1])) > 1
-    # Nothing to do: not one iteration is taken over.
-    np.testing.assert_array_equal(together[4], [-1.0, 0.0])
-
-
 def test_counts_follow_the_iterations() -> None:
     program = roots(4, 'parallel')
     one, five = program.count(), program.count(iterations=5)
     assert (one.divisions, five.divisions) == (1, 5)
     # In an iteration: sum, change, its two levels of a total, minus the tolerance; one after it.
     assert (one.additions, five.additions) == (5 + 1, 25 + 1)
-
-
-@pytest.mark.parametrize(
-    ('act', 'message'),
-    [
-        (lambda r, q: iterate(lambda x: ((x,), x), (q,), q, 0), 'at_most must be at least 1'),
-        (
-            lambda r, q: iterate(lambda x: ((x,), x), (q,), on_lane(q, [1]), 1),
-            'no value on lane 0',
-        ),
-        (
-            lambda r, q: iterate(lambda x: ((on_lane(x, [1]),), x), (q,), q, 1),
-            'row 0 .* lacks lanes',
-        ),
-    ],
-)
-def test_a_loop_that_cannot_run_is_refused(act, message: str) -> None:  # type: ignore[no-untyped-def]
-    recorder = Recorder(2)
-    with pytest.raises(ValueError, match=message):
-        act(recorder, recorder.input('q', [0, 1]))
 
 
 def test_an_observer_sees_the_state_before_the_loop_and_after_each_iteration() -> None:
@@ -590,75 +489,3 @@ def test_a_multiply_add_is_rounded_once_on_a_processor_without_one(
         for a, b, c in zip(*kind(dtype, 300, np.random.default_rng(3)), strict=True):
             exact = Fraction(float(a)) * Fraction(float(b)) + Fraction(float(c))
             assert function(a, b, c) == rounded(exact, dtype)
-
-
-# ---- values with their rounding errors ----
-
-
-UNIT = {'float64': 2.0**-53, 'float32': 2.0**-24}
-# Value plus error is off by a small share of the unit of rounding: terms of the series that are
-# left out, and products of two errors. Seen up to 2e-4.
-SHARE = 1e-2
-
-
-def record_everything() -> pfd.Program:
-    """Return a program with each operation, of x, y and an angle, of numbers of order one."""
-    recorder = Recorder(1, 'sequential')
-    x, y, angle = (recorder.input('x', [k]) for k in range(3))
-    third = recorder.constant(1 / 3)
-    results = [
-        x + y,
-        (x - y) * third,
-        x * y - y * x * third,
-        (x * third) / (y + 2.0),
-        -lane_sqrt(x * x + y),
-        lane_where(x - y, x * third, y + third),
-        lane_sin(angle),
-        lane_cos(angle),
-        lane_sin(angle) * x + lane_cos(angle) * y,
-        1.0 * x + 0.0 * y,
-        (third + recorder.constant(0.7)) * x,
-        third * recorder.constant(0.7) - y,
-    ]
-    recorder.output('z', (len(results),), [(value, 0) for value in results])
-    return recorder.program()
-
-
-def with_errors(program: pfd.Program, dtype: str) -> pfd.Program:
-    """Return a program whose outputs are the values and their errors."""
-    recorder = Recorder(1, 'sequential')
-    found = RoundingErrors(recorder, dtype).record(program)['z']
-    for k, name in enumerate(('value', 'error')):
-        recorder.output(name, (len(found),), [(z[k], 0) for z in found])
-    return recorder.program()
-
-
-@pytest.mark.parametrize('reach', [1.0, 1e3, 1e5])
-@pytest.mark.parametrize('dtype', UNIT)
-def test_a_value_with_its_error_has_more_digits_than_the_number_format(
-    dtype: str, reach: float
-) -> None:
-    rng = np.random.default_rng(4)
-    x = rng.uniform(0.5, 2.0, (200, 3))
-    x[:, 2] = rng.uniform(-reach, reach, 200)
-    x = x.astype(dtype)
-    x[0, 2] = np.pi / 2
-    state: dict[str, Any] = {'x': x}
-    program = record_everything()
-    # As in a kernel, where constants are folded.
-    found = run_program(lower_program(with_errors(program, dtype), dtype).compiled, state, dtype)
-    exact = run_program(program, {'x': x.astype('float64')}, digits=50)['z']
-    difference = (found['value'].astype(np.float64).astype(object) - exact).astype(np.float64)
-    unit = UNIT[dtype]
-    # The values alone are rounded.
-    assert np.abs(difference).max() > 0.2 * unit
-    rest = np.abs(difference + found['error'].astype(np.float64))
-    assert rest.max() <= SHARE * unit
-
-
-def test_an_operation_without_a_known_rounding_error_is_an_error() -> None:
-    recorder = Recorder(1, 'sequential')
-    x = recorder.input('x', [0])
-    recorder.output('z', (1,), [(recorder.apply('fma', x, x, x), 0)])
-    with pytest.raises(ValueError, match='rounding error of fma is not known'):
-        with_errors(recorder.program(), 'float64')

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from itertools import product
 from typing import Any
 
 from bridge import (
@@ -507,15 +506,6 @@ def assert_within_the_condition(robot: pfd.Robot, rng: np.random.Generator, sche
 def test_any_of_80_chains_is_right_but_for_the_condition_of_the_constraints(step: int) -> None:
     for rng, robot in every(step, chains(80, seed=7)):
         assert_within_the_condition(robot, rng, 'parallel')
-
-
-@pytest.mark.parametrize('n', [1, 2, 3, 4])
-def test_any_order_of_turning_and_sliding_joints_is_recorded(n: int) -> None:
-    rng = np.random.default_rng(n)
-    for types in product(('revolute', 'prismatic'), repeat=n):
-        if types.count('prismatic') < 4:  # four leave a direction without inertia
-            robot = random_chain(rng, n, joint_types=list(types))
-            assert_within_the_condition(robot, rng, 'parallel')
 
 
 def test_a_wrench_and_damping_are_in_the_right_hand_side() -> None:

@@ -115,33 +115,6 @@ def test_links_join_neighbours_and_touch_a_cell(link: SystolicLink, message: str
         SystolicArray({(1, 1): pass_on}, [FIRST, link])
 
 
-@pytest.mark.parametrize(
-    ('link', 'cycle', 'message'),
-    [
-        (SystolicLink((0, 1), (1, 1)), 1, r'stream on \(0, 1\) -> \(1, 1\): there is no such'),
-        (SystolicLink((1, 1), (1, 2)), 1, r'stream on \(1, 1\) -> \(1, 2\): there is no such'),
-        (FIRST, 0, 'cycles count from 1, got 0'),
-    ],
-)
-def test_streams_enter_from_outside_from_cycle_1(
-    link: SystolicLink, cycle: int, message: str
-) -> None:
-    with pytest.raises(ValueError, match=message):
-        row_of_cells(2, pass_on).run({link: {cycle: 'a'}})
-
-
-def test_an_array_that_never_rests_is_given_up() -> None:
-    links = [FIRST, SystolicLink((1, 1), (1, 2)), SystolicLink((1, 2), (1, 1))]
-
-    def back_and_forth(state: Any, ports: SystolicPorts) -> SystolicStep:
-        return SystolicStep(state, {'left' if 'right' not in ports else 'right': 1})
-
-    with pytest.raises(ValueError, match='still busy after 50 cycles'):
-        SystolicArray(dict.fromkeys([(1, 1), (1, 2)], back_and_forth), links).run(
-            {FIRST: {1: 1}}, 50
-        )
-
-
 # ---- the array ----
 
 

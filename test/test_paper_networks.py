@@ -110,16 +110,6 @@ def test_a_network_has_the_links_of_its_definition(network: str, lanes: int) -> 
     assert len(set(network_wiring(network, lanes).places)) == lanes
 
 
-@pytest.mark.parametrize('network', NETWORKS)
-def test_one_word_takes_the_shortest_path(network: str) -> None:
-    for lanes in (6, 11, 16):
-        apart = distances(network, lanes)
-        for source in range(lanes):
-            for target in range(lanes):
-                route = [source if lane == target else None for lane in range(lanes)]
-                assert route_steps(network, tuple(route)) == apart[source, target]
-
-
 @pytest.mark.parametrize('L', range(1, 6))
 def test_a_broadcast_reaches_the_farthest_lane_in_its_distance(L: int) -> None:
     n = 2**L

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
 from itertools import accumulate
 import math
@@ -16,21 +15,15 @@ from bridge import (
     Recorder,
     lane_broadcast,
     on_lane,
-    packed,
     pattern_column_sweep,
-    pattern_gather,
     pattern_prefix,
     pattern_prefix_affine,
-    pattern_product,
     pattern_row_sweep,
     pattern_suffix,
     pattern_suffix_affine,
-    pattern_sums,
     run_program,
     vector_array,
-    vector_cross,
 )
-from bridge import pattern_total as total
 from closed_forms import LENGTHS, levels
 import numpy as np
 import pytest
@@ -40,8 +33,6 @@ import pfd_core as pfd
 Places = list[tuple[Any, int]]
 # Sums of up to 32 products of numbers near one, in another order than NumPy's.
 ROUNDING = {'rtol': 1e-12, 'atol': 1e-12}
-# Up to 32 orthogonal factors, multiplied in another order.
-PRODUCTS = {'rtol': 0, 'atol': 1e-14}
 on_each_schedule = pytest.mark.parametrize('schedule', MACHINE_SCHEDULES)
 downward_or_not = pytest.mark.parametrize('downward', [False, True])
 
@@ -133,15 +124,6 @@ def test_foihra_solves_the_recurrence_for_any_n(
 
 
 @on_each_schedule
-def test_a_total_lies_on_lane_zero(schedule: str) -> None:
-    for n in LENGTHS:
-        x = np.arange(1.0, n + 1)
-        y, steps = outcome(n, schedule, lambda r, n=n: [(total(r.input('x', range(n))), 0)], x=x)
-        assert y == n * (n + 1) / 2
-        assert steps.additions == (n - 1 if schedule == 'sequential' else levels(n))
-
-
-@on_each_schedule
 def test_the_row_sweep_adds_up_columns_from_the_diagonal(schedule: str) -> None:
     def record(recorder: Recorder) -> Places:
         n, x0, a = recorder.lanes, rows(recorder, 'x0', 3), rows(recorder, 'a', 3)
@@ -197,78 +179,3 @@ def test_the_column_sweep_solves_triangular_systems(
         if unit:
             assert steps == pfd.Steps(many, many, routes=0 if alone else n - 1)
         assert steps.divisions == (0 if unit else n)
-
-
-@on_each_schedule
-def test_gather_takes_each_element_from_where_it_lies(schedule: str) -> None:
-    for n in LENGTHS:
-        rng = np.random.default_rng(n)
-        lanes = rng.choice(n, size=1 + n // 2, replace=False).tolist()
-        wanted = {lane: (int(rng.integers(3)), int(rng.integers(n))) for lane in lanes}
-
-        def record(recorder: Recorder, n: int = n, wanted: Any = wanted) -> Places:
-            a = [recorder.input('a', range(r * n, r * n + n)) for r in range(3)]
-            found = pattern_gather({lane: (a[r], source) for lane, (r, source) in wanted.items()})
-            assert found.defined == sum(1 << lane for lane in wanted)
-            return [(found, lane) for lane in wanted]
-
-        y, steps = outcome(n, schedule, record, a=np.arange(3.0 * n))
-        np.testing.assert_array_equal(y, [r * n + source for r, source in wanted.values()])
-        sent = {(r, source) for lane, (r, source) in wanted.items() if source != lane}
-        busiest = max(Counter(source for _, source in sent).values(), default=0)
-        assert steps == pfd.Steps(routes=busiest if schedule != 'sequential' else 0)
-
-
-# ---- packed rows -----------------------------------------------------------------------------
-
-
-@on_each_schedule
-def test_packed_pairs_of_a_triangle_take_half_as_many_steps_as_rows(schedule: str) -> None:
-    def record(recorder: Recorder) -> Places:
-        # a_i x b_j for every pair i < j, row i on the lanes j > i.
-        n, a, b = recorder.lanes, rows(recorder, 'a', 3), rows(recorder, 'b', 3)
-        pairs = [(lane_broadcast(a, i), on_lane(b, range(i + 1, n))) for i in range(n - 1)]
-        products = packed(vector_cross, pairs)
-        return [(x, j) for i in range(n - 1) for j in range(i + 1, n) for x in products[i]]
-
-    for n in LENGTHS[1:]:
-        a, b = np.random.default_rng(n).normal(size=(2, n, 3))
-        y, steps = outcome(n, schedule, record, a=a, b=b)
-        # One product, one difference: nothing to round differently.
-        wanted = [np.cross(a[i], b[j]) for i in range(n) for j in range(i + 1, n)]
-        np.testing.assert_array_equal(y.reshape(-1, 3), wanted)
-        # n (n - 1) / 2 pairs on n lanes: ceil((n - 1) / 2) rounds, the h of the paper.
-        rounds = {'parallel': math.ceil((n - 1) / 2), 'sequential': n * (n - 1) // 2}
-        many = rounds.get(schedule, n - 1)
-        assert (steps.multiplications, steps.additions) == (6 * many, 3 * many)
-
-
-def packed_rounds(n: int, elements: int) -> int:
-    """Return the rounds of the levels of a prefix of packed elements."""
-    return sum(math.ceil(elements * (n - 2**k) / n) for k in range(levels(n)))
-
-
-@on_each_schedule
-@downward_or_not
-def test_packed_sums_are_the_sums_of_every_component(schedule: str, downward: bool) -> None:
-    for n in LENGTHS:
-        a = np.arange(1.0, 3 * n + 1).reshape(n, 3)
-        y, steps = outcome(
-            n, schedule, lambda r: on_all(r, pattern_sums(rows(r, 'a', 3), downward)), a=a
-        )
-        # Whole numbers add up exactly.
-        np.testing.assert_array_equal(y.reshape(n, 3), in_order(a, downward, np.add))
-        many = {'parallel': packed_rounds(n, 3), 'sequential': 3 * (n - 1)}
-        assert steps.additions == many.get(schedule, 3 * levels(n))
-
-
-@on_each_schedule
-def test_packed_products_are_the_products_in_order(schedule: str) -> None:
-    for n in LENGTHS:
-        R = rotations(np.random.default_rng(n), n)
-        y, steps = outcome(
-            n, schedule, lambda r: on_all(r, pattern_product(rows(r, 'R', 3, 3))), R=R
-        )
-        np.testing.assert_allclose(y.reshape(n, 3, 3), in_order(R, False, np.matmul), **PRODUCTS)
-        if schedule == 'parallel':
-            assert steps.multiplications == 3 * packed_rounds(n, 9)

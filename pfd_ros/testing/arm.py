@@ -84,7 +84,7 @@ class LockstepArm:
     robot
         As for the node: a name, a path, a URDF; or a pfd_core.Robot.
     ros_args
-        Arguments of the node for `spin`, such as remappings, as on a command line.
+        Arguments of the node for `spin`, such as remappings, as on a command line; no settings.
     **settings
         Fields of pfd_ros.arm.settings.Settings; numbers of joints may also be a mapping,
         ``friction={'elbow_joint': 3.0}``, or given as ``**{'friction.elbow_joint': 3.0}``. A
@@ -115,6 +115,8 @@ class LockstepArm:
         ros_args: Sequence[str] = (),
         **settings: Any,
     ) -> None:
+        if isinstance(ros_args, str):
+            raise ValueError(f"ros_args is {ros_args!r}, expected a list such as ['-r', 'a:=b']")
         self._given, self._ros_args = (robot, settings), ros_args
         self._described = _described(robot, settings)
         self.settings, self.robot = self._described.settings, self._described.robot

@@ -281,6 +281,15 @@ class NodeLink:
             if not found:
                 raise
             raise ControllerError('; '.join(found)) from None
+        # rclpy has no public access to what arguments and files give.
+        given = getattr(self._node, '_parameter_overrides', {})
+        unused = sorted(name for name in given if not self._node.has_parameter(name))
+        if unused:
+            self._node.destroy_node()
+            raise ValueError(
+                f'ros_args has the parameters {listed(unused)}, expected remappings and QoS of '
+                'topics: give settings as arguments, sim_arm(robot=...)'
+            )
         self._topics = ends
         for end in self._commands.values():
             # The executor passes the message with its information as one argument.

@@ -32,7 +32,10 @@ if sys.platform == 'linux':
 if os.getppid() != int(parent):
     sys.exit('its parent has ended')
 os.nice(int(niceness))
-os.execvp(command[0], command)
+try:
+    os.execvp(command[0], command)
+except OSError as error:
+    sys.exit(f'{{command[0]}}: {{error.strerror}}')
 """
 # Of the output, in the text of an error.
 LAST_LINES = 15
@@ -40,6 +43,8 @@ LAST_LINES = 15
 LOOK_SECONDS = 0.02
 # From SIGINT, which ends a node, to SIGKILL: of a controller, and of the node with its recording.
 END_SECONDS, NODE_END_SECONDS = 5.0, 20.0
+# Until a node publishes, longer than it may wait for its description by default, s.
+NODE_START_SECONDS = 60.0
 
 
 class ChildProcess:
@@ -177,34 +182,46 @@ class NodeProcess(ControllerProcess):
         with tempfile.NamedTemporaryFile('w', suffix='.yaml', delete=False) as file:
             yaml.safe_dump({'/**': {'ros__parameters': chosen}}, file)
         self._file, self._ros_args = file.name, ['--ros-args', *ros_args]
+        # Whether `wait` has raised its error.
+        self._failed = False
+        # What an arm has when it is configured, or before.
+        self._sign = '~/rejected' if chosen.get('autostart', True) else '~/transition_event'
         command = [sys.executable, '-m', 'pfd_ros.node.main', *self._ros_args]
         super().__init__([*command, '--params-file', file.name])
 
     def wait(self) -> None:
-        """Return when the node publishes, NodeProcessError if it ends; rclpy must be there."""
+        """Return when the arm is configured, or the node is there if its autostart is false.
+
+        rclpy must be initialised. NodeProcessError if the node ends before, or does not start.
+        """
         from rclpy.node import Node
 
         named = Node('sim_arm', cli_args=self._ros_args, enable_rosout=False)
-        topic = named.resolve_topic_name('~/rejected')
+        topic = named.resolve_topic_name(self._sign)
         named.destroy_node()
         watching = Node('_sim_node_starts', enable_rosout=False)
+        begun, ended = time.monotonic(), ''
         try:
             while not watching.count_publishers(topic):
-                if self.end():
-                    raise NodeProcessError(f'the node {self.end()}{self.tail()}')
+                ended = self.end()
+                if time.monotonic() - begun > NODE_START_SECONDS:
+                    ended = f'does not publish {topic} within {NODE_START_SECONDS:g} s'
+                if ended:
+                    self._failed = True
+                    raise NodeProcessError(f'the node {ended}{self.tail()}')
                 time.sleep(LOOK_SECONDS)
         finally:
             watching.destroy_node()
 
     def close(self) -> None:
-        """End the node as Ctrl-C does; NodeProcessError if it had ended, or failed."""
+        """End the node as Ctrl-C does; NodeProcessError if it failed and `wait` did not say so."""
         try:
             ended, status = self.end(), self.stop(NODE_END_SECONDS)
             if status == -signal.SIGKILL and not ended:
                 ended = f'did not end within {NODE_END_SECONDS:g} s'
             elif status != 0:
                 ended = self.end()
-            if ended:
+            if ended and not self._failed:
                 raise NodeProcessError(f'the node {ended}{self.tail()}')
         finally:
             os.unlink(self._file)

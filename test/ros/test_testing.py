@@ -689,9 +689,30 @@ def test_a_node_whose_ends_do_not_match_those_of_the_arm_is_named_and_the_remedy
 
 
 @pytest.mark.ros
-def test_spin_names_what_is_no_node(domain: int) -> None:
+def test_spin_names_what_is_no_node_and_what_is_no_program(domain: int) -> None:
     with ur5() as arm, pytest.raises(TypeError, match='spin got <function pd '):
         arm.spin(0.1, pd)
+    text = 'its output ends:\n/no/program: No such file'
+    with (
+        ControllerProcess(['/no/program']) as process,
+        ur5() as arm,
+        pytest.raises(NoAnswerError, match=text),
+    ):
+        arm.spin(0.1, process)
+
+
+@pytest.mark.ros
+def test_parameters_among_the_arguments_are_refused_not_ignored(
+    controller_of: Callable[..., Any],
+) -> None:
+    node = controller_of()
+    text, given = r"parameters \['friction'\], expected remappings", ['-p', 'friction:=true']
+    with ur5(ros_args=given) as arm, pytest.raises(ValueError, match=text):
+        arm.spin(0.1, node)
+    with ur5() as arm:
+        assert arm.spin(0.01, node).notes == []
+    with pytest.raises(ValueError, match='expected a list'):
+        ur5(ros_args='-p friction:=true')
 
 
 @pytest.mark.ros
@@ -821,6 +842,8 @@ def test_the_real_node_runs_for_a_test_and_ends_with_status_0(domain: int, tmp_p
         assert (states[1].position[1], states[1].velocity[1]) == (0.25, 0.5)
     node.destroy_node()
     assert process.process.returncode == 0
+    with NodeProcess({'robot': 'planar2', 'autostart': False}) as process:
+        process.wait()
     there = tmp_path / 'there.mcap'
     there.write_text('other')
     text = r'status 1(.|\n)*there\.mcap'

@@ -98,6 +98,7 @@ FAILING = ('settles', 'own_assertion', 'two_arms', 'nan', 'recorded', 'restored'
 NODES = """
 import os, sys
 import numpy as np
+import pytest
 import rclpy
 from tested_controllers import command_of, node_of
 
@@ -120,6 +121,9 @@ def test_processes(sim_arm, controller_process, sim_node):
 def test_the_node(sim_node):
     node = sim_node(robot='planar2', ros_args=['-r', '__ns:=/left'])
     assert node.end() == ''
+    # The error is for the test: it is not one of the fixture as well.
+    with pytest.raises(Exception, match='unknown robot'):
+        sim_node(robot='nobody')
 
 def test_none():
     assert not rclpy.ok()

@@ -215,8 +215,10 @@ def _compare_arguments(parser: argparse.ArgumentParser) -> None:
     add('--plot', type=Path, metavar='FILE', help='plot both logs (.png, .svg)')
 
 
-def _compare(given: argparse.Namespace) -> int:
+@reads_logs
+def _compare(given: argparse.Namespace, unread: list[str]) -> int:
     """Compare two logs; status 1 if a difference is beyond the tolerance."""
+    from pfd_ros.arm.events import INPUTS
     from pfd_ros.messages.types import JOINT_STATE
     from pfd_ros.recording.arrays import read_log, renamed
     from pfd_ros.replay import compare
@@ -226,7 +228,12 @@ def _compare(given: argparse.Namespace) -> int:
         check_picture(given.plot)
     logs = [
         renamed(
-            read_log(path, topics=given.topics and [given.topics[k]], types=[JOINT_STATE]),
+            read_log(
+                path,
+                topics=given.topics and [given.topics[k]],
+                types=[JOINT_STATE],
+                unreadable='count',
+            ),
             dict(given.rename),
         )
         for k, path in enumerate((given.a, given.b))
@@ -239,6 +246,15 @@ def _compare(given: argparse.Namespace) -> int:
         print_lines(compare.lines(found))
     if given.plot:
         plot_comparison(found, (str(given.a), str(given.b)), given.plot)
+    for log in logs:
+        unread += [
+            f'{log.path}, {topic}: {log[topic].unreadable} of {len(log.received_ns[topic])} '
+            'messages cannot be read'
+            for topic in log
+            # Those of a recording are inputs that the node refused.
+            if not log.obstacle(topic) and log[topic].unreadable
+            if log.roles.get(topic) not in INPUTS
+        ]
     return 0 if found.within else 1
 
 

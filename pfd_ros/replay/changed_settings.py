@@ -33,6 +33,8 @@ from pfd_ros.text import cut, did_you_mean, listed
 
 # Settings that only a robot read from a file or a name has.
 MODEL = ('base_link', 'tip_link', 'locked', 'locked_positions', 'ros2_control')
+# Settings whose values need no quotes.
+TEXTS = {row.name for row in FIELDS if row.type in ('str', 'tuple[str, ...]')}
 # Settings of a new run that follow from its purpose.
 _KNOWN = 'the inputs of the log are known, and the new run waits for none'
 GIVEN = {
@@ -74,7 +76,7 @@ def read_changes(words: Sequence[str]) -> Changes:
         if key in texts:
             raise ValueError(f'{cut(key)} is given twice')
         texts[key] = text
-    plain, of_joints = split_joints({key: _json_or_text(text) for key, text in texts.items()})
+    plain, of_joints = split_joints({key: _json_or_text(key, text) for key, text in texts.items()})
     values: dict[str, Any] = {}
     for key, value in plain.items():
         rows = [row for row in FIELDS if row.name == key]
@@ -99,10 +101,16 @@ def read_changes(words: Sequence[str]) -> Changes:
     return Changes(values, of_joints)
 
 
-def _json_or_text(text: str) -> Any:
+def _json_or_text(key: str, text: str) -> Any:
     try:
         return json.loads(text)
     except (ValueError, RecursionError):
+        known = any(f'{key}.'.startswith(f'{row.name}.') for row in FIELDS)
+        if known and key not in TEXTS and text[:1] in tuple('[{+-.0123456789'):
+            raise ValueError(
+                f'{cut(key)} is {cut(repr(text))}, expected JSON such as 0.5, [0.5, 1.0] or '
+                '{"elbow": 0.5}'
+            ) from None
         return text
 
 

@@ -135,9 +135,10 @@ def run_inputs(source: Log | BagInputs, engine: Engine, put: Put, *, nudged: boo
         label = '' if verdict.accepted or verdict.label == ALL_NAN.label else verdict.label
         if bool(label) != bool(broke):
             found.rejected[label or 'accepted'] += 1
+            why = f' ({cut(verdict.detail, 200)})' if verdict.detail else ''
             found.first_rejected = found.first_rejected or (
-                f'cycle {state.cycle + 1}: {message.role} is {verdict.label} '
-                f'({cut(verdict.detail, 200)}), was {broke or "accepted"}'
+                f'cycle {state.cycle + 1}: {message.role} is {verdict.label}{why}, was '
+                f'{broke or "accepted"}'
             )
     put([*waiting, *engine.counts()], engine.stamp_ns)
     return found

@@ -142,13 +142,15 @@ def test_a_difference_between_messages_without_times_is_found(tmp_path: Path) ->
     assert (worst.joint, worst.largest, worst.first_at) == ('shoulder', 2.0, pytest.approx(0.7))
 
 
-def test_unreadable_messages_are_an_error(
+def test_unreadable_messages_are_an_error_and_the_others_are_compared(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rows = [Row(t, at, d[:60] if k % 2 else d) for k, (t, at, d) in enumerate(states(20))]
     path = write_mcap(tmp_path / 'a.mcap', rows)
     assert pfd_main(['compare', str(path), str(path)]) == 1
-    assert '10 of 20 messages cannot be read' in capsys.readouterr().err
+    shown = capsys.readouterr()
+    assert '10 of 20 messages cannot be read' in shown.err
+    assert any(line.endswith('equal') for line in shown.out.splitlines())
 
 
 # --- clocks

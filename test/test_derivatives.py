@@ -34,8 +34,7 @@ from derivative_programs import record_acceleration_derivatives
 import mpmath
 import numpy as np
 from numpy.typing import ArrayLike
-from oracle import ARMS, Oracle, chains, relative
-import pinocchio as pin
+from oracle import Oracle, chains, relative
 import pytest
 from sampling import one_fast
 from tolerances import FIFTY_DIGITS
@@ -226,8 +225,6 @@ DIFFERENCES = 1e-35
 # by the condition number of H, at most 2e3 here; in 50 digits a twist whose sine and cosine are
 # rounded to float64 is no rotation, which is the same to first order. Seen up to 5e-14.
 ROUNDING = 1e-13
-# The same for Pinocchio's derivatives, whose own error is up to 1e-12.
-PINOCCHIO = 1e-9
 
 
 def everything(rng: np.random.Generator, robot: pfd.Robot) -> pfd.Scene:
@@ -316,28 +313,6 @@ def test_chains_in_a_scene_with_everything_equal_central_differences(seed: int) 
     wanted = by_differences(robot, scene, given)
     for options in ({}, {'digits': 50}):
         assert relative(derivatives(robot, scene, given, **options), wanted) < ROUNDING
-
-
-def against_pinocchio(rng: np.random.Generator, robot: pfd.Robot, scene: pfd.Scene) -> float:
-    """Return the largest difference from Pinocchio's derivatives, relative to the largest."""
-    given = inputs(rng, robot, scene)
-    oracle = Oracle(robot)
-    state = (given[name] for name in STATE)
-    forces = oracle.forces(given.get('wrench'))
-    pin.computeABADerivatives(oracle.model, oracle.data, *state, forces)
-    X = np.triu(oracle.data.Minv) + np.triu(oracle.data.Minv, 1).T
-    wanted = np.hstack([oracle.data.ddq_dq, oracle.data.ddq_dv, X])
-    return relative(derivatives(robot, scene, given), wanted)
-
-
-@pytest.mark.parametrize(
-    'name', [*ARMS, 'dense6', pytest.param('chain12', marks=pytest.mark.slow)]
-)
-def test_the_arms_agree_with_pinocchio(name: str) -> None:
-    robot = robot_called(name)
-    rng = np.random.default_rng(44)
-    for wrench in (False, True):
-        assert against_pinocchio(rng, robot, pfd.Scene(external_wrench=wrench)) < PINOCCHIO
 
 
 @pytest.mark.parametrize('name', one_fast(['ur5', 'panda', 'dense6']))

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import ctypes
-from dataclasses import replace
 import json
 import os
 from pathlib import Path
@@ -40,7 +39,6 @@ import pfd_core as pfd
 
 ROOT = Path(__file__).parents[1]
 ARM64 = Target('aarch64-unknown-linux-gnu')
-OLD = Target('x86_64-unknown-linux-gnu')
 # Levels of x86-64 by which a user names a processor.
 LEVELS = ('x86-64-v2', 'x86-64-v3', 'x86-64-v4')
 X86 = host_target().triple.startswith('x86_64')
@@ -82,22 +80,6 @@ def test_without_a_name_the_code_is_for_this_machine(monkeypatch: pytest.MonkeyP
         assert bridge.current_target() == host_target()
     monkeypatch.delenv('PFD_TARGET_CPU')
     assert bridge.current_target() == host_target()
-
-
-@pytest.mark.parametrize(
-    ('target', 'width'),
-    [
-        (ARM64, 2),
-        (OLD, 2),
-        (replace(OLD, features='+avx,+sse2'), 4),
-        (replace(OLD, features='+avx,-avx512f'), 4),
-        (replace(OLD, features='+avx,+avx512f'), 8),
-        *zip(map(level_target, LEVELS) if X86 else (), (2, 4, 8), strict=False),
-    ],
-)
-def test_the_width_equals_a_vector_register_of_the_target(target: Target, width: int) -> None:
-    assert simd_width('float64', target) == width
-    assert simd_width('float32', target) == 2 * width
 
 
 def test_a_processor_whose_features_llvm_cannot_detect_is_named_alone(

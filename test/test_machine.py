@@ -128,20 +128,6 @@ def test_a_called_function_gets_rows_and_returns_one() -> None:
     np.testing.assert_array_equal(y, [2.0, 30.0])
 
 
-@pytest.mark.parametrize(
-    ('inputs', 'options', 'message'),
-    [
-        ({}, {}, r"needs the inputs \['x'\]"),
-        ({'x': np.zeros(3)}, {}, r'x must have shape \(..., 4\), got \(3,\)'),
-        ({'x': np.zeros(4)}, {'dtype': 'float16'}, "'longdouble', got 'float16'"),
-        ({'x': np.zeros(4)}, {'digits': 0}, 'digits must be at least 1, got 0'),
-    ],
-)
-def test_wrong_inputs_are_named(inputs, options, message: str) -> None:  # type: ignore[no-untyped-def]
-    with pytest.raises(ValueError, match=message):
-        run_program(sample(4, 'parallel'), inputs, **options)
-
-
 def recorded(n: int, schedule: str, function) -> pfd.Program:  # type: ignore[no-untyped-def]
     """Record function(recorder, x) with one input x of n elements and one output y."""
     recorder = Recorder(n, schedule)
@@ -209,41 +195,12 @@ def test_programs_print_one_instruction_a_line() -> None:
     ]
 
 
-@pytest.mark.parametrize(
-    ('act', 'message'),
-    [
-        (lambda: Recorder(0), 'lanes must be at least 1, got 0'),
-        (lambda: Recorder(2, 'serial'), "schedule must be one of .* got 'serial'"),
-        (
-            lambda: Recorder(2).input('x', [0, 1]) + Recorder(2).input('x', [0, 1]),
-            'two recordings',
-        ),
-        (lambda: on_lane(Recorder(2).input('x', [0, 1]), []) * 2.0, 'mul: no lane has a value'),
-        (
-            lambda: Recorder(2).apply('add', Recorder(2).constant(1.0)),
-            'add takes 2 operands, got 1',
-        ),
-        (lambda: recorded(2, 'parallel', lambda r, x: x).count(0), 'at least 1, got 0'),
-    ],
-)
-def test_misuse_is_named(act, message: str) -> None:  # type: ignore[no-untyped-def]
-    with pytest.raises(ValueError, match=message):
-        act()
-
-
 def test_only_numbers_and_lanes_are_operands_and_none_is_branched_on() -> None:
     x = Recorder(1).input('x', [0])
     with pytest.raises(TypeError, match='expected a value over lanes or a number, got str'):
         x + 'one'
     with pytest.raises(TypeError, match='no truth while recording'):
         bool(x)
-
-
-def test_an_output_needs_a_value_on_its_lane() -> None:
-    recorder = Recorder(2)
-    x = on_lane(recorder.input('x', [0, 1]), [0])
-    with pytest.raises(ValueError, match='output y: lane 1 has no value'):
-        recorder.output('y', (2,), [(x, 0), (x, 1)])
 
 
 def test_zeros_and_ones_are_known_while_recording() -> None:

@@ -26,10 +26,8 @@ from closed_forms import EVERY_SIZE
 import mpmath
 import numpy as np
 import pytest
-from tolerances import FIFTY_DIGITS
 
-from benchmarks.cases.paper import claimed, row, value
-from benchmarks.cases.robots import uniform_chain
+from benchmarks.cases.paper import claimed, value
 from benchmarks.pages import array as page
 import pfd_core as pfd
 
@@ -65,15 +63,6 @@ def test_all_latches_change_at_once_whatever_the_order_of_the_cells() -> None:
     assert traces[0].emitted == traces[1].emitted
     assert traces[0].states == traces[1].states == {(1, 1): 'h', (1, 2): 'g', (1, 3): 'f'}
     assert [e.item for e in traces[0].emitted] == list('abcde')
-
-
-def test_a_value_that_is_not_read_in_the_next_cycle_is_lost() -> None:
-    def every_other(state: Any, ports: SystolicPorts) -> SystolicStep:
-        turn = not state
-        return SystolicStep(turn, {'right': ports['left']} if turn else {})
-
-    trace = row_of_cells(1, every_other).run({FIRST: dict(enumerate('abcd', 1))})
-    assert trace.leaving((1, 1), 'right') == ['a', 'c']
 
 
 def test_a_cell_cannot_read_where_it_has_no_link() -> None:
@@ -199,36 +188,6 @@ def test_a_matrix_that_cannot_be_factored_is_a_status_and_leaves_the_next_ones_a
             assert not np.isfinite(found.x.astype(float)).any()
 
 
-def test_the_array_keeps_the_digits_of_mpmath_numbers() -> None:
-    with mpmath.workdps(50):
-        hilbert = [[mpmath.mpf(1) / (i + j + 1) for j in range(6)] for i in range(6)]
-        x = [mpmath.mpf(k) for k in range(6)]
-        y = [sum(h * v for h, v in zip(row, x, strict=True)) for row in hilbert]
-        found = array_solve(hilbert, y)
-        # The condition number of this matrix is 1.5e7.
-        wrong = max(abs(a - b) for a, b in zip(found.x, x, strict=True))
-        assert wrong < FIFTY_DIGITS * 1.5e7
-        assert literal_array(hilbert).status == 'wrong_matrix'
-
-
-@pytest.mark.parametrize(
-    ('given', 'message'),
-    [
-        (([np.zeros((2, 3))],), r'H must have shape \(n, n\)'),
-        (([[[np.nan]]],), 'H must be finite'),
-        (([np.eye(2)], [np.zeros(3)]), r'y must have shape \(2,\), got \(3,\)'),
-        (([np.eye(2)], [[1.0, np.inf]]), 'y must be finite'),
-        (([],), 'expected at least one matrix, got none'),
-        (([np.eye(2), np.eye(3)],), r'one size, got \[2, 3\]'),
-        (([np.eye(2)] * 2, [[1.0, 2.0]]), 'expected 2 right-hand sides.*got 1'),
-        (([np.eye(4)] * 2, [np.ones(4)] * 2, 4), 'interval must be at least 5 cycles, got 4'),
-    ],
-)
-def test_what_the_array_cannot_factor_is_named(given: tuple[Any, ...], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        array_pipeline(*given)
-
-
 @pytest.mark.parametrize('n', [2, 6])
 def test_matrices_follow_one_another_every_n_cycles_and_not_sooner(n: int) -> None:
     H = 2 * np.eye(n)
@@ -259,15 +218,6 @@ def test_a_cell_acts_once_for_each_element_of_its_row(n: int) -> None:
         assert acting == {
             (k, i): n - k + 1 + stored for k in range(1, n + 1) for i in range(1, k + 1)
         }
-
-
-@pytest.mark.parametrize('n', [2, 3])
-def test_emulate_and_a_row_count_the_same_steps_of_the_array(n: int) -> None:
-    run = pfd.emulate(uniform_chain(n), *[[0.1] * n] * 3, method='pcrbm_array')
-    steps, counts = run.steps - run.program.count(section='joint rotation'), row('pcrbm_array', n)
-    assert counts['multiplications'] == steps.multiplications + steps.divisions
-    assert (counts['additions'], counts['square_roots']) == (steps.additions, steps.square_roots)
-    assert run.cycles == 5 * n - 2
 
 
 @pytest.mark.parametrize('n', range(2, 13))

@@ -11,7 +11,6 @@ from typing import Any
 from bridge import (
     ITERATIVE_METHODS,
     SERIAL_METHODS,
-    array_streams,
     fohra_structure,
     literal_array,
     record_fohra,
@@ -275,15 +274,6 @@ def test_a_cycle_in_which_a_cell_divides_is_a_division(n: int) -> None:
     assert divisions[CORRECTED] == len(dividing) + 2 * n + 1
     # Of the 5 n - 2 cycles of a whole solve, 4 n - 3 divide; composite bodies divide twice.
     assert divisions[BEST_KNOWN] == 4 * n - 3 + 2
-
-
-@pytest.mark.parametrize('n', [2, 3, 6, 9])
-def test_the_streams_bring_each_element_of_H_to_its_row_once(n: int) -> None:
-    brought = [
-        (k, m) for sources in array_streams(n) for k, m in enumerate(sources) if m is not None
-    ]
-    assert sorted(brought) == [(k, m) for k in range(n) for m in range(k + 1, n)]
-    assert sum(1 for _ in array_streams(n)) == 2 * n - 3
 
 
 # ---- speed-ups ----

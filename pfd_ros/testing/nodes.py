@@ -331,7 +331,8 @@ class NodeLink:
         is the longest simulated time between two commands, s, or None.
         """
         self._period, self._patience = period, patience
-        self._watch = Watch(patience)
+        # Without the context, nothing of rclpy waits: clock.sleep_for() hears of no signal.
+        self._watch = Watch(patience, get_default_context().try_shutdown)
         self._watch.__enter__()
         here = {self._node.get_fully_qualified_name()}
         if get_rmw_implementation_identifier().startswith(DELIVER_AT_ONCE):

@@ -8,6 +8,7 @@ there: a sleep, a lock, a socket, a loop. C code that ignores signals is not int
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import signal
 import sys
 import threading
@@ -39,7 +40,8 @@ class BlockedError(BaseException):
 class Watch:
     """A context in which a turn of the controller may take `patience` s of wall time.
 
-    It works in the main thread alone: Python runs no handler of a signal elsewhere.
+    It works in the main thread alone: Python runs no handler of a signal elsewhere. `wake` is
+    called if no signal has helped for as long again: it is to end a wait in C code.
 
     Attributes
     ----------
@@ -50,12 +52,12 @@ class Watch:
         the controller caught what interrupted it.
     """
 
-    __slots__ = ('_before', '_blocked', '_ended', '_patience', 'since', 'stack')
+    __slots__ = ('_before', '_blocked', '_ended', '_patience', '_wake', 'since', 'stack')
 
-    def __init__(self, patience: float) -> None:
+    def __init__(self, patience: float, wake: Callable[[], object] = lambda: None) -> None:
         if not patience > 0.0:
             raise ValueError(f'patience is {patience!r}, expected above zero, s')
-        self._patience = patience
+        self._patience, self._wake = patience, wake
         self.since = self._blocked = 0.0
         self.stack = ''
         self._ended = threading.Event()
@@ -95,6 +97,8 @@ class Watch:
                 and looks * LOOK_SECONDS > WATCHED * self._patience
             ):
                 self._end_turn(since)
+                if waited > 2.0 * self._patience and self.stack:
+                    self._wake()
 
     def _end_turn(self, since: float) -> None:
         main = threading.main_thread().ident

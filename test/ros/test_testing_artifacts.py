@@ -100,6 +100,9 @@ import os, sys
 import numpy as np
 import pytest
 import rclpy
+from pfd_ros.testing import ControllerError
+from rclpy.duration import Duration
+from rosgraph_msgs.msg import Clock
 from tested_controllers import command_of, node_of
 
 LEFT = []
@@ -124,6 +127,14 @@ def test_the_node(sim_node):
     # The error is for the test: it is not one of the fixture as well.
     with pytest.raises(Exception, match='unknown robot'):
         sim_node(robot='nobody')
+
+def test_a_wait_in_c_ends(sim_arm, ros_domain):
+    node = node_of('timer')
+    second = Duration(seconds=1)
+    node.create_subscription(
+        Clock, '/clock', lambda tick: node.get_clock().sleep_for(second), 1)
+    with pytest.raises(ControllerError, match='blocks: no answer for 0.3 s(.|\\n)*sleep_for'):
+        sim_arm(robot='ur5').spin(0.1, node, patience=0.3)
 
 def test_none():
     assert not rclpy.ok()
@@ -279,7 +290,7 @@ def test_nodes_processes_and_the_node_itself_are_in_the_domain_of_the_test(
     monkeypatch.setenv('PYTHONPATH', str(ROOT / 'test' / 'ros'))
     options = ['--sim-arm-artifacts', 'left']
     text = forked_session(site, tmp_path, NODES, options, status=1)
-    assert '1 failed, 5 passed' in text
+    assert '1 failed, 6 passed' in text
     log = tmp_path / 'left' / 'test_it.py_test_spins' / 'arm.mcap'
     assert pfd_main(['replay', str(log), '--verify']) == 0
     assert 'every bit equal' in capsys.readouterr().out

@@ -1,33 +1,43 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A robot is checked once, cannot change, and its edits are rigid-body mechanics."""
+"""A robot is checked once and cannot change; its edits, frames and rotors are mechanics."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 import copy
+import dataclasses
 from dataclasses import FrozenInstanceError, fields, replace
+from pathlib import Path
 import pickle
+import re
 from typing import Any
 
 from bridge import (
-    axis_rotation,
-    cos_sin_degrees,
-    matrix_product,
-    merged_body,
+    SPIN_UP_TIME,
+    Frame,
     resolve_plant,
-    snapped_rotation,
+    run_program,
 )
 import numpy as np
+from oracle import relative
 import pinocchio as pin
 import pytest
 from tolerances import DYNAMICS
-from zoo import ODD_ARM, random_chain, random_inertia, random_rotation, random_state, to_pinocchio
+from urdf_models import example
+from zoo import (
+    FORK,
+    ODD_ARM,
+    Array,
+    random_chain,
+    random_inertia,
+    random_rotation,
+    random_state,
+    to_pinocchio,
+)
 
 import pfd_core as pfd
 
-# One square root and three products.
-ROUNDING = 4 * np.finfo(float).eps
 SEEDS = range(5)
 
 
@@ -98,17 +108,6 @@ def test_a_payload_agrees_with_a_body_added_in_pinocchio(seed: int) -> None:
     model.appendBodyToJoint(4, body, model.frames[-1].placement)
     assert_same_dynamics(to_pinocchio(pfd.with_payload(robot, payload)), model, seed)
     assert pfd.with_payload(robot, pfd.Payload(0.0)) == robot
-
-
-def test_bodies_weld_as_in_pinocchio() -> None:
-    rng = np.random.default_rng(3)
-    for m1, m2 in ((1.0, 2.0), (0.0, 3.0), (3.0, 0.0), (1e-9, 1.0)):
-        bodies = [(m, rng.normal(size=3), random_inertia(rng, m)) for m in (m1, m2)]
-        mass, center, J = merged_body(*bodies)
-        sum_ = pin.Inertia(*bodies[0]) + pin.Inertia(*bodies[1])
-        assert mass == sum_.mass
-        np.testing.assert_allclose(center, sum_.lever, rtol=DYNAMICS)
-        np.testing.assert_allclose(J, sum_.inertia, rtol=0, atol=DYNAMICS * J.max())
 
 
 def test_arrays_are_copies_that_cannot_change() -> None:
@@ -331,49 +330,247 @@ def test_a_wrong_payload_is_refused(arguments: tuple[object, ...], message: str)
         pfd.Payload(*arguments)
 
 
-def test_products_are_summed_in_one_order_on_every_machine() -> None:
-    rng = np.random.default_rng(0)
-    for _ in range(50):
-        A, B, v = rng.normal(size=(3, 3)), rng.normal(size=(3, 3)), rng.normal(size=3)
-        a, b = A.tolist(), B.tolist()
-        expected = [
-            [a[i][0] * b[0][j] + a[i][1] * b[1][j] + a[i][2] * b[2][j] for j in range(3)]
-            for i in range(3)
-        ]
-        assert matrix_product(A, B).tolist() == expected
-        tiled = matrix_product(A, np.tile(v, (3, 1)).T)
-        assert matrix_product(A, v).tolist() == tiled[:, 0].tolist()
-        assert matrix_product(A, B, v).tolist() == matrix_product(matrix_product(A, B), v).tolist()
+HELD_FINGERS = {'left_finger': 0.02, 'right_finger': 0.03}
 
 
-def test_right_angles_and_coordinate_axes_are_exact() -> None:
-    expected = {0: (1, 0), 90: (0, 1), 180: (-1, 0), 270: (0, -1), -90: (0, -1), 720: (1, 0)}
-    assert {angle: cos_sin_degrees(angle) for angle in expected} == expected
-    assert cos_sin_degrees(30) == (np.cos(np.radians(30)), np.sin(np.radians(30)))
-    for axis in (*np.eye(3), *-np.eye(3)):
-        R = axis_rotation(2.5 * axis)
-        np.testing.assert_array_equal(R[:, 2], axis)
-        np.testing.assert_array_equal(R.T @ R, np.eye(3))
-        assert np.linalg.det(R) == 1
-    np.testing.assert_array_equal(axis_rotation([0, 0, 3.0]), np.eye(3))
+def pose(robot: pfd.Robot, frame: str | None, q: Array) -> Array:
+    found: Array = run_program(pfd.QUANTITIES['tip_pose'](resolve_plant(robot), frame), {'q': q})[
+        'pose'
+    ]
+    return found
 
 
-def test_any_axis_becomes_the_third_column_of_a_rotation() -> None:
-    rng = np.random.default_rng(0)
-    nearly = [(1e-9, 0, -1), (0, 1e-200, 1), (1e300, 1e300, 0), (1e-300, -2e-300, -1e-300)]
-    for axis in [*rng.normal(size=(50, 3)), *nearly]:
-        R = axis_rotation(axis)
-        unit = np.array(axis) / np.abs(axis).max()
-        np.testing.assert_allclose(R[:, 2], unit / np.linalg.norm(unit), atol=ROUNDING)
-        np.testing.assert_allclose(R.T @ R, np.eye(3), atol=ROUNDING)
-        assert np.linalg.det(R) > 0
+def carried(seed: int) -> tuple[np.random.Generator, pfd.Robot]:
+    """Return a random chain with a frame on each link."""
+    rng = np.random.default_rng(seed)
+    robot = random_chain(rng, 5)
+    frames = {f'f{k}': Frame(k, random_rotation(rng), rng.uniform(-1, 1, 3)) for k in range(6)}
+    return rng, replace(robot, frames=frames)
 
 
-def test_snapping_leaves_a_slightly_turned_frame_alone() -> None:
-    turn = np.eye(3)
-    turn[0, 1], turn[1, 0] = -1e-9, 1e-9
-    np.testing.assert_array_equal(snapped_rotation(turn), turn)
-    some = random_rotation(np.random.default_rng(0))
-    np.testing.assert_array_equal(snapped_rotation(some), some)
-    right = pin.rpy.rpyToMatrix(np.pi / 2, -np.pi, np.pi / 2)
-    assert set(np.abs(snapped_rotation(right)).ravel().tolist()) == {0.0, 1.0}
+def test_a_urdf_gives_all_links_that_move_with_the_chain_and_those_below_it() -> None:
+    everything = {'world', 'pedestal', 'turret', 'box', 'upper', 'slide', 'elbow', 'fore'}
+    everything |= {'bracket', 'camera', 'wrist', 'hand', 'tool'}
+    robot = pfd.load_robot(ODD_ARM)
+    assert set(robot.frames) == everything
+    assert robot.frames['world'].link == robot.frames['pedestal'].link == 0
+    assert robot.frames['box'].link == robot.frames['turret'].link == 1
+    assert robot.frames['tool'].link == robot.n
+    fork = pfd.load_robot(FORK, locked=HELD_FINGERS)
+    assert set(fork.frames) == {'base', 'arm', 'palm', 'left', 'right'}
+
+
+def test_a_table_gives_its_base_and_its_tip() -> None:
+    robot = pfd.load_robot('ur5')
+    assert list(robot.frames) == [robot.base, robot.tip]
+    assert robot.frame() == robot.frame(robot.tip) == Frame(6, np.eye(3), np.zeros(3))
+
+
+@pytest.mark.parametrize('indices', [[0], [2], [4], [0, 1], [1, 3, 4], [0, 1, 2, 4]])
+def test_frames_keep_their_poses_when_joints_are_locked(indices: list[int]) -> None:
+    rng, robot = carried(3)
+    q = np.clip(rng.uniform(-1, 1, 5), robot.position_lower, robot.position_upper)
+    less = pfd.lock(robot, {robot.joint_names[i]: q[i] for i in indices})
+    assert list(less.frames) == list(robot.frames)
+    for name in robot.frames:
+        found = pose(less, name, np.delete(q, indices))
+        assert relative(found, pose(robot, name, q)) < DYNAMICS, name
+
+
+def test_frames_make_no_other_robot() -> None:
+    robot = pfd.load_robot(ODD_ARM)
+    assert replace(robot, frames={}) == robot
+    assert replace(robot, frames={}).digest == robot.digest
+
+
+def test_storing_and_loading_frames_loses_no_bit() -> None:
+    for robot in (pfd.load_robot(ODD_ARM), carried(7)[1]):
+        again = pfd.load_robot(pfd.robot_to_yaml(robot, frames=True))
+        assert again == robot
+        assert dict(again.frames) == dict(robot.frames)
+        assert set(pfd.load_robot(pfd.robot_to_yaml(robot)).frames) == {robot.base, robot.tip}
+
+
+TABLE = """
+robot: arm
+joints:
+- {name: a, type: revolute, mass: 1, dh: {a: 1, d: 0, alpha_deg: 0, theta_deg: 0}}
+frames:
+"""
+
+
+def test_a_file_may_name_frames() -> None:
+    robot = pfd.load_robot(TABLE + '  grip: {link: 1, translation: [0, 0.5, 0]}')
+    assert list(robot.frames) == ['base', 'grip', 'tip']
+    np.testing.assert_allclose(pose(robot, 'grip', np.array([np.pi / 2]))[:3, 3], [-0.5, 1, 0])
+
+
+@pytest.mark.parametrize(
+    ('line', 'message'),
+    [
+        ('  - grip', "frames must be a table of frames by name, got ['grip']"),
+        ('  grip: {}', "frame 'grip' has no 'link'"),
+        ('  grip: {link: 1, size: 2}', "frame 'grip' has an unknown key 'size'"),
+        ('  grip: {link: 0.5}', "link of frame 'grip' must be a whole number, got 0.5"),
+        ('  grip: {link: -1}', 'link of a frame must be an integer of at least 0, got -1'),
+        ('  grip: {link: 2}', "'arm': frames['grip'] must be a Frame on a link from 0 to 1"),
+        ('  grip: {link: 1, translation: [0, 0]}', "translation in frame 'grip' must have shape"),
+    ],
+)
+def test_a_wrong_frame_in_a_file_is_refused_and_named(line: str, message: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        pfd.load_robot(TABLE + line)
+
+
+def test_an_unknown_frame_is_named_with_the_known_frames() -> None:
+    robot = pfd.load_robot(FORK, locked=HELD_FINGERS)
+    known = "'base', 'arm', 'palm', 'left', 'right'"
+    message = f"frame 'flange' is not carried by 'fork'; it carries {known}"
+    for name in ('tip_pose', 'tip_jacobian', 'tip_velocity', 'wrench_torques'):
+        with pytest.raises(ValueError, match=message):
+            pfd.QUANTITIES[name](resolve_plant(robot), 'flange')
+
+
+def test_the_list_of_known_frames_is_bounded() -> None:
+    _, robot = carried(5)
+    many = {f'{k:0200}': robot.frames['f0'] for k in range(1000)}
+    with pytest.raises(ValueError, match='and 990 more') as caught:
+        replace(robot, frames=many).frame('x' * 10_000)
+    assert len(str(caught.value)) < 3000
+
+
+DRAKE = '<robot xmlns:drake="http://drake.mit.edu" '
+FINGERS = {'left_finger': 0.0, 'right_finger': 0.0}
+
+
+def transmission(joints: str, *actuators: str) -> str:
+    """Return a <transmission> with the names of joints, and the contents of its actuators."""
+    inner = ''.join(f'<joint name="{name}"/>' for name in joints.split())
+    inner += ''.join(f'<actuator name="motor">{content}</actuator>' for content in actuators)
+    return f'<transmission name="gear">{inner}</transmission>'
+
+
+def fork(*transmissions: str) -> str:
+    text = FORK.replace('<robot ', DRAKE, 1)
+    return text.replace('</robot>', ''.join(transmissions) + '</robot>')
+
+
+def test_the_inertia_of_a_rotor_counts_with_the_square_of_its_gear_ratio() -> None:
+    found = pfd.reflected_inertia([2e-4, 3e-5, 0.0], [100.0, -50.0, 1.0])
+    np.testing.assert_allclose(found, [2.0, 0.075, 0.0], rtol=1e-15)
+    np.testing.assert_array_equal(pfd.reflected_inertia([1.0, 2.0], 3.0), [9.0, 18.0])
+    scene = pfd.Scene(armature=pfd.reflected_inertia(np.full(6, 1e-4), 101.0))
+    assert scene.armature == pytest.approx([1e-4 * 101**2] * 6)
+
+
+def test_a_urdf_states_rotors_by_elements_of_drake_or_a_motor_inertia() -> None:
+    drake = '<drake:rotor_inertia value="1.5e-4"/><drake:gear_ratio value="-120"/>'
+    plain = '<motorInertia>2e-4</motorInertia><mechanicalReduction>50</mechanicalReduction>'
+    text = fork(transmission('shoulder', drake), transmission('wrist', plain, plain))
+    robot = pfd.load_robot(text, locked=FINGERS)
+    # Two motors turn the wrist.
+    np.testing.assert_allclose(robot.armature, [1.5e-4 * 120**2, 2 * 2e-4 * 50**2], rtol=1e-15)
+    direct = fork(transmission('shoulder', '<drake:rotor_inertia value="0.02"/>'))
+    np.testing.assert_array_equal(pfd.load_robot(direct, locked=FINGERS).armature, [0.02, 0.0])
+    # A rotor of a locked joint does not turn.
+    locked = pfd.load_robot(text, locked=FINGERS | {'shoulder': 0.1})
+    assert locked.armature == pytest.approx([2 * 2e-4 * 50**2])
+
+
+def test_a_reduction_without_a_rotor_adds_no_armature() -> None:
+    alone = '<mechanicalReduction>100</mechanicalReduction>'
+    robot = pfd.load_robot(fork(transmission('shoulder wrist', alone)), locked=FINGERS)
+    assert robot == pfd.load_robot(FORK, locked=FINGERS)
+    text = example('ur_description/urdf/ur5_robot.urdf')
+    assert 'mechanicalReduction' in text
+    assert not pfd.load_robot(text, tip='ee_link').armature.any()
+
+
+@pytest.mark.parametrize(
+    ('joints', 'content', 'message'),
+    [
+        ('elbow', '<motorInertia>1</motorInertia>', "'gear' .* one joint .* got .'elbow'."),
+        ('shoulder wrist', '<motorInertia>1</motorInertia>', "'gear' .* must have one joint"),
+        ('', '<motorInertia>1</motorInertia>', "'gear' .* must have one joint of the URDF, got"),
+        ('wrist', '<motorInertia>heavy</motorInertia>', "motorInertia of .*'gear' must be a num"),
+        ('wrist', '<drake:rotor_inertia/>', "rotor_inertia of transmission 'gear' must be a num"),
+        ('wrist', '<motorInertia>-1</motorInertia>', "'gear': rotor_inertia must not be neg"),
+        (
+            'wrist',
+            '<motorInertia>1</motorInertia><mechanicalReduction>0</mechanicalReduction>',
+            "'gear': gear_ratio must not be zero",
+        ),
+    ],
+)
+def test_a_wrong_transmission_is_named(joints: str, content: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        pfd.load_robot(fork(transmission(joints, content)), locked=FINGERS)
+
+
+def test_an_arm_with_rotors_moves_as_in_pinocchio() -> None:
+    rotor = '<drake:rotor_inertia value="1.5e-4"/><drake:gear_ratio value="120"/>'
+    text = fork(transmission('wrist', rotor))
+    robot = pfd.load_robot(text, locked=FINGERS)
+    whole = pin.buildModelFromXML(text)
+    model = pin.buildReducedModel(
+        whole, [whole.getJointId(name) for name in FINGERS], pin.neutral(whole)
+    )
+    model.rotorInertia = np.array([0.0, 1.5e-4])
+    model.rotorGearRatio = np.array([1.0, 120.0])
+    model.armature = model.rotorInertia * model.rotorGearRatio**2
+    q, qd, tau = np.array([[0.3, -0.4], [1.0, 2.0], [3.0, -1.0]])
+    with pytest.warns(pfd.PhysicsWarning, match="states none for 'shoulder'"):
+        found = pfd.forward_dynamics(robot, q, qd, tau, scene=pfd.Scene(armature='model'))
+    expected = pin.aba(model, model.createData(), q, qd, tau)
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('name', 'least', 'most'),
+    [
+        # The 13 joints that the rule is fitted to, by their geometric mean.
+        ('panda', 0.33, 1.3),
+        ('puma560', 1.1, 3.6),
+        # A simulation's choice for every joint, which is not measured.
+        ('ur5', 0.059, 0.33),
+    ],
+)
+def test_estimated_rotors_are_off_by_the_stated_factors(
+    name: str, least: float, most: float
+) -> None:
+    robot = pfd.load_robot(name)
+    without = dataclasses.replace(robot, armature=np.zeros(robot.n))
+    ratio = robot.armature / pfd.estimated_armature(without)
+    assert (least <= ratio).all()
+    assert (ratio <= most).all()
+
+
+def test_an_estimate_keeps_the_rotors_that_a_model_states_and_needs_both_limits() -> None:
+    robot = dataclasses.replace(
+        pfd.load_robot('ur5'),
+        armature=np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        effort_limit=np.array([150.0, np.inf, 0.0, 28.0, 28.0, 28.0]),
+        velocity_limit=np.array([3.0, 3.0, 3.0, 0.0, np.inf, 3.5]),
+    )
+    expected = [0.5, 0.0, 0.0, 0.0, 0.0, SPIN_UP_TIME * 8.0]
+    np.testing.assert_allclose(pfd.estimated_armature(robot), expected, rtol=1e-15)
+
+
+def test_a_scene_with_estimated_rotors_has_the_accelerations_of_one_with_their_numbers(
+    tmp_path: Path,
+) -> None:
+    robot = pfd.load_robot('ur5')
+    robot = dataclasses.replace(robot, armature=np.zeros(robot.n))
+    scene = pfd.Scene(armature='estimated')
+    scene.save(tmp_path / 'scene.yaml')
+    assert pfd.load_scene(tmp_path / 'scene.yaml') == scene
+    state = np.random.default_rng(5).normal(size=(3, robot.n))
+    named, numbers = (
+        pfd.compile_kernel(robot, scene=pfd.Scene(armature=armature))(*state)
+        for armature in ('estimated', pfd.estimated_armature(robot))
+    )
+    assert named.tobytes() == numbers.tobytes()
+    with pytest.raises(ValueError, match="damping must be None, 'model' or one number per joint"):
+        pfd.Scene(damping='estimated')
+    with pytest.raises(ValueError, match="armature must be None, 'model', 'estimated' or one"):
+        pfd.Scene(armature='guessed')

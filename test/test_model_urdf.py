@@ -1,21 +1,37 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Chains from URDF agree with Pinocchio; trees and loops are refused, by the joint."""
+"""URDF and xacro: as Pinocchio reads them, refused by name, written and read again."""
 
 from __future__ import annotations
 
 import ast
 from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
 import re
+import sys
+import warnings
 
-from bridge import resolve_plant, run_program
+import bridge
+from bridge import ROBOT_JOINT_FIELDS, ROBOT_LINK_FIELDS, resolve_plant, run_program
 import numpy as np
 from oracle import relative
 import pinocchio as pin
 import pytest
 from tolerances import DYNAMICS
 from urdf_models import ARM, assert_same_physics, exact_angles, example, positions_in
-from zoo import BODY, FORK, ODD_ARM, STRAIGHT_ARM, TWO_ARMS, joint, link, urdf
+from zoo import (
+    BODY,
+    FORK,
+    ODD_ARM,
+    STRAIGHT_ARM,
+    TWO_ARMS,
+    joint,
+    link,
+    random_chain,
+    to_pinocchio,
+    urdf,
+)
 
 import pfd_core as pfd
 
@@ -283,3 +299,382 @@ def test_right_angles_can_be_left_as_written() -> None:
     assert np.abs(robot.rotations[0]).max() <= 1
     assert np.isclose(np.abs(robot.rotations[0][1, 1]), np.sin(off), rtol=1e-6)
     assert pfd.load_robot(NEARLY, right_angle=1e-9).snapped_joints == ()
+
+
+def changed(old: str, new: str) -> str:
+    assert old in ODD_ARM, old
+    return ODD_ARM.replace(old, new, 1)
+
+
+NO_NUMBERS = (
+    '',
+    'nan',
+    '1_0',
+    '\u0664',
+    '0x10',
+    '1,5',
+    '1 2',
+    '4.0kg',
+    '1e400',
+    '1e101',
+    '1e-400',
+)
+# Where a number is, with %s in its place, and the words by which an error names it.
+PLACES = {
+    '<mass value="%s"/>': ('4.0', "<mass value> of link 'turret'"),
+    'ixx="%s"': ('0.02', "<inertia ixx> of link 'pedestal'"),
+    'xyz="0.01 %s 0.1"': ('-0.02', "<origin xyz> of link 'turret'"),
+    'rpy="0.3 %s 0.5"': ('-0.2', "<origin rpy> of link 'turret'"),
+    'damping="%s"': ('0.7', "<dynamics damping> of joint 'j1'"),
+    '<axis xyz="%s -0.5 0.8': ('0.3', "<axis xyz> of joint 'j2'"),
+    'lower="%s"': ('-1', "<limit lower> of joint 'j1'"),
+    'upper="%s"': ('1.5', "<limit upper> of joint 'j1'"),
+    'velocity="%s"': ('2', "<limit velocity> of joint 'j1'"),
+    'effort="%s"': ('60', "<limit effort> of joint 'j1'"),
+}
+
+
+@pytest.mark.parametrize('number', NO_NUMBERS)
+def test_a_value_that_is_no_number_is_refused_and_the_link_or_joint_named(number: str) -> None:
+    for place, (value, where) in PLACES.items():
+        # A limit may be large.
+        if number == '1e101' and 'limit' in where:
+            continue
+        with pytest.raises(ValueError, match=re.escape(where)) as caught:
+            pfd.load_robot(changed(place % value, place % number))
+        assert len(str(caught.value)) < 500
+
+
+def test_a_limit_may_be_infinite_and_its_ends_be_left_out() -> None:
+    text = changed(
+        'lower="-1" upper="1.5" velocity="2"', 'lower="-inf" upper="inf" velocity="inf"'
+    )
+    robot = pfd.load_robot(text)
+    assert robot.position_lower[0] == -np.inf
+    assert (robot.position_upper[0], robot.velocity_limit[0]) == (np.inf, np.inf)
+    # The format gives 0 to an end that is not there.
+    robot = pfd.load_robot(changed('lower="-1" upper="1.5" ', ''))
+    assert (robot.position_lower[0], robot.position_upper[0]) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'message'),
+    [
+        ('xyz="0.01 -0.02 0.1"', 'xyz="0.01 -0.02"', "<origin xyz> of link 'turret' must"),
+        ('<axis xyz="0.3 -0.5 0.8"/>', '<axis/>', "<axis xyz> of joint 'j2' must be three"),
+        ('<mass value="4.0"/>', '', "<inertial> of link 'turret' must have a <mass>"),
+        ('<mass value="4.0"/>', '<mass value="4"/><mass value="5"/>', "'turret' has 2 .*<mass>"),
+        ('ixx="0.02" ', '', "<inertia ixx> of link 'pedestal' must be a number, got none"),
+        ('velocity="2" ', '', "<limit velocity> of joint 'j1' must be a number, got none"),
+        ('<axis xyz="0 0 -1"/>', '<axis xyz="0 0 -1"/>' * 2, "joint 'j1' has 2 elements <axis>"),
+        ('<link name="box">', '<link name="turret">', "two links named 'turret'"),
+        ('<link name="box">', '<link>', 'a <link> without a name'),
+        ('effort="60"', 'effort="-60"', "<effort> of joint 'j1' must not be negative"),
+        ('lower="-1" upper="1.5"', 'lower="2" upper="1"', "position_lower of joint 'j1' must not"),
+    ],
+)
+def test_elements_that_the_format_does_not_allow_are_refused_and_named(
+    old: str, new: str, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        pfd.load_robot(changed(old, new))
+
+
+def test_a_body_that_cannot_be_is_not_hidden_by_the_one_it_is_welded_to() -> None:
+    box = '<mass value="0.6"/><inertia ixx="0.02" iyy="0.03" izz="0.025"'
+    with pytest.raises(ValueError, match="<mass value> of link 'box' must not be negative"):
+        pfd.load_robot(changed(box, box.replace('0.6', '-0.6')))
+    with pytest.raises(ValueError, match="<inertia> of link 'box' must not be negative in any"):
+        pfd.load_robot(changed(box, box.replace('0.02', '-0.02')))
+    # By rounding it may: in CAD, a link of 0.5 kg and 0.1 m whose smallest moment is below zero.
+    text = urdf(
+        *('x', link('base'), link('arm', 0.5, '0.1 0 0', '0 0 0', '-5e-20 1e-19 1e-19 0 0 0')),
+        joint('j', 'revolute', 'base', 'arm'),
+    )
+    assert pfd.load_robot(text).masses[0] == 0.5
+
+
+def test_a_loop_apart_from_the_rest_is_named() -> None:
+    text = urdf(
+        *('x', *ARM, link('c', 1, J=BODY), link('d', 1, J=BODY)),
+        *(joint('j', 'revolute', 'base', 'arm'), joint('k', 'revolute', 'c', 'd')),
+        joint('l', 'fixed', 'd', 'c'),
+    )
+    with pytest.raises(ValueError, match="joints 'k', 'l' form a closed loop apart from the rest"):
+        pfd.load_robot(text)
+    with pytest.raises(ValueError, match=r'closed loop|without a parent'):
+        pfd.load_robot(urdf('x', *ARM, joint('j', 'revolute', 'arm', 'arm')))
+
+
+def test_a_massless_link_within_the_chain_is_loaded_and_warned_of() -> None:
+    text = urdf(
+        *('x', link('base'), link('virtual'), link('arm', 1, '0.1 0.2 0.3', J=BODY)),
+        joint('yaw', 'revolute', 'base', 'virtual'),
+        joint('pitch', 'revolute', 'virtual', 'arm', axis='0 1 0'),
+    )
+    with pytest.warns(
+        pfd.PhysicsWarning, match="link 'virtual', moved by joint 'yaw', has no <in"
+    ):
+        robot = pfd.load_robot(text)
+    assert robot.masses.tolist() == [0.0, 1.0]
+    assert_same_physics(robot, text, {})
+    explicit = text.replace('<link name="virtual"/>', link('virtual', J='0 0 0 0 0 0'))
+    assert pfd.load_robot(explicit) == robot
+    with pytest.raises(ValueError, match="link 'arm', moved by joint 'pitch', has no <inertial>"):
+        pfd.load_robot(re.sub('<link name="arm">.*</link>', '<link name="arm"/>', explicit))
+
+
+BOMB = '<!DOCTYPE r [<!ENTITY a0 "x">{}]><robot name="&a30;"><link name="a"/></robot>'.format(
+    ''.join(f'<!ENTITY a{i + 1} "&a{i};&a{i};">' for i in range(30))
+)
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        (BOMB, 'a URDF has no <!DOCTYPE>'),
+        ('<!DOCTYPE robot SYSTEM "file:///etc/passwd"><robot/>', 'a URDF has no <!DOCTYPE>'),
+        (
+            '<robot>' + ''.join(f'<link name="{i}"/>' for i in range(501)) + '</robot>',
+            '501 links',
+        ),
+        ('<robot>' + '<a>' * 200_000 + '</a>' * 200_000 + '</robot>', 'the URDF has no <link>'),
+        ('<robot name="\ud800"/>', 'not well-formed XML'),
+        ('<robot name="\0"/>', 'not well-formed XML'),
+        ('<robot>' + ' ' * (16 * 2**20) + '</robot>', 'characters, more than'),
+    ],
+    ids=range(7),
+)
+def test_hostile_xml_is_refused_in_a_short_line(text: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message) as caught:
+        pfd.load_robot(text)
+    assert len(str(caught.value)) < 500
+    assert '\n' not in str(caught.value)
+
+
+def test_a_long_chain_is_loaded_and_a_longer_one_refused() -> None:
+    def chain(n: int) -> str:
+        links = [link(f'l{i}', 1.0, '0.1 0 0', J=BODY) for i in range(n + 1)]
+        joints = [
+            joint(f'j{i}', 'continuous', f'l{i}', f'l{i + 1}', '0.2 0 0', '1.5 0 0')
+            for i in range(n)
+        ]
+        return urdf('long', *links[::-1], *joints[::-1])
+
+    robot = pfd.load_robot(chain(499))
+    assert robot.n == 499
+    assert robot.joint_names[0] == 'j0'
+    assert pfd.load_robot(chain(499), locked={f'j{i}': 0.1 for i in range(1, 499)}).n == 1
+    with pytest.raises(ValueError, match='501 links'):
+        pfd.load_robot(chain(500))
+
+
+NAMED = """
+<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro" xmlns:drake="http://drake.mit.edu">
+  <link name="base"/>
+  <link name="upper">
+    <inertial>
+      <origin xyz="0 0 1" rpy="0 0 0"/>
+      <mass value="1"/>
+      <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>
+    </inertial>
+    <visual name="v"><geometry><box size="1 1 1"/></geometry></visual>
+    <collision><origin xzy="0 0 0"/></collision>
+    <drake:inertials/>
+  </link>
+  <joint name="shoulder" type="revolute">
+    <origin xyz="0 0 0" rpy="0 0 0"/>
+    <parent link="base"/>
+    <child link="upper"/>
+    <axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="9" velocity="9" acceleration="5" drake:efforts="2"/>
+    <dynamics damping="1" friction="0.5"/>
+    <safety_controller k_velocity="1" soft_lower_limit="-2"/>
+    <calibration rising="0"/>
+  </joint>
+  <gazebo reference="upper"><links/></gazebo>
+  <ros2_control name="arm" type="system"><joints/></ros2_control>
+  <transmission name="t"><types>x</types></transmission>
+  <material name="blue"/>
+</robot>
+"""
+
+
+def test_names_of_other_tools_are_no_misspelt_ones() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        assert pfd.load_robot(NAMED).friction.tolist() == [0.5]
+
+
+def test_misspelt_names_are_named_in_one_warning_at_the_line_that_loads() -> None:
+    text = NAMED.replace(' friction=', ' Friction=').replace('transmission', 'transmision')
+    with pytest.warns(pfd.PhysicsWarning) as found:
+        pfd.load_robot(text.replace('xyz="0 0 1"', 'xzy="0 0 1"'))
+    (warning,) = found
+    for place in ('<origin> xzy=', '<dynamics> Friction=', '<transmision>'):
+        assert place in str(warning.message)
+    assert warning.filename == __file__
+
+
+def test_unexpanded_xacro_is_an_error_with_the_command_to_run() -> None:
+    text = NAMED.replace('<link name="base"/>', '<xacro:arm/><link name="base"/>')
+    with pytest.raises(ValueError, match=r'<xacro:arm>, which is not expanded: load the \.xacro'):
+        pfd.load_robot(text)
+
+
+# Angles and products of a few rotations, relative to numbers of about one.
+ROUNDING = 1e-14
+# Forces of chains of up to ten such rotations.
+TORQUE_ROUNDING = 1e-11
+
+
+def robots() -> list[pfd.Robot]:
+    rng = np.random.default_rng(5)
+    made = [random_chain(rng, n) for n in (1, 4, 7)]
+    return [*map(pfd.load_robot, pfd.known_robots()), pfd.load_robot(ODD_ARM), *made]
+
+
+@pytest.mark.filterwarnings('ignore::pfd_core.PhysicsWarning')
+@pytest.mark.parametrize('robot', robots(), ids=lambda robot: f'{robot.name}-{robot.n}')
+def test_a_robot_written_as_urdf_is_read_as_the_same_robot(robot: pfd.Robot) -> None:
+    found = pfd.load_robot(pfd.robot_to_urdf(robot), base=robot.base, tip=robot.tip)
+    for key in ('name', 'joint_names', 'joint_types', 'base', 'tip'):
+        assert getattr(found, key) == getattr(robot, key)
+    for key in (*ROBOT_LINK_FIELDS, *ROBOT_JOINT_FIELDS, 'base_rotation', 'base_position'):
+        # A link without mass has no centre of mass.
+        present = robot.masses > 0 if key == 'centers' else ...
+        wanted = getattr(robot, key)[present]
+        np.testing.assert_allclose(
+            getattr(found, key)[present], wanted, rtol=ROUNDING, atol=ROUNDING, err_msg=key
+        )
+    for name, frame in robot.frames.items():
+        assert found.frames[name].link == frame.link
+        np.testing.assert_allclose(found.frames[name].rotation, frame.rotation, atol=ROUNDING)
+        np.testing.assert_allclose(
+            found.frames[name].translation, frame.translation, atol=ROUNDING
+        )
+
+
+@pytest.mark.filterwarnings('ignore::pfd_core.PhysicsWarning')
+@pytest.mark.parametrize('robot', robots(), ids=lambda robot: f'{robot.name}-{robot.n}')
+def test_pinocchio_computes_the_torques_of_the_robot_from_the_urdf(robot: pfd.Robot) -> None:
+    read = pin.buildModelFromXML(pfd.robot_to_urdf(robot))
+    own = to_pinocchio(robot)
+    q, qd, qdd = np.random.default_rng(2).uniform(-1.0, 1.0, size=(3, robot.n))
+    turning = [kind == 'continuous' for kind in robot.joint_types]
+    whole = [
+        x
+        for a, turns in zip(q, turning, strict=True)
+        for x in ((np.cos(a), np.sin(a)) if turns else (a,))
+    ]
+    found = pin.rnea(read, read.createData(), np.array(whole), qd, qdd)
+    wanted = pfd.inverse_dynamics(robot, q, qd, qdd)
+    assert own.nv == read.nv
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=TORQUE_ROUNDING * np.abs(wanted).max())
+
+
+def test_the_urdf_of_a_urdf_is_itself(tmp_path: Path) -> None:
+    path = tmp_path / 'odd.urdf'
+    path.write_text(ODD_ARM, encoding='utf-8')
+    assert pfd.urdf_of(path) == ODD_ARM
+    assert pfd.urdf_of(ODD_ARM) == ODD_ARM
+
+
+def test_a_robot_that_no_urdf_can_hold_is_refused() -> None:
+    arm = pfd.load_robot('planar2')
+    for names in (('a\x01b', 'c'), ('a\ud800', 'c')):
+        with pytest.raises(ValueError, match="'planar2' cannot be written as URDF: the URDF"):
+            pfd.robot_to_urdf(replace(arm, joint_names=names))
+
+
+INCLUDED = """
+<robot xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:macro name="arm" params="name mass parent">
+    <link name="${name}"><inertial><origin xyz="0 0 ${length / 2}"/><mass value="${mass}"/>
+      <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>
+    <joint name="${name}_joint" type="revolute"><parent link="${parent}"/>
+      <child link="${name}"/><origin xyz="0 0 ${length}"/><axis xyz="0 1 0"/>
+      <limit lower="-3" upper="3" effort="9" velocity="9"/></joint>
+  </xacro:macro>
+</robot>
+"""
+XACRO_ARM = """
+<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:arg name="mass" default="2.5"/>
+  <xacro:property name="length" value="0.4"/>
+  <xacro:include filename="macros.xacro"/>
+  <link name="base"/>
+  <xacro:arm name="upper" mass="$(arg mass)" parent="base"/>
+  <xacro:arm name="lower" mass="${2 * 0.5}" parent="upper"/>
+</robot>
+"""
+EXPANDING = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+
+
+def xacro_file(folder: Path, text: str) -> Path:
+    path = folder / 'arm.urdf.xacro'
+    path.write_text(text, encoding='utf-8')
+    return path
+
+
+def test_a_xacro_file_loads_with_its_includes_and_the_defaults_of_its_arguments(
+    tmp_path: Path,
+) -> None:
+    pytest.importorskip('xacro')
+    (tmp_path / 'macros.xacro').write_text(INCLUDED, encoding='utf-8')
+    path = xacro_file(tmp_path, XACRO_ARM)
+    robot = pfd.load_robot(path)
+    assert robot.joint_names == ('upper_joint', 'lower_joint')
+    assert robot.masses.tolist() == [2.5, 1.0]
+    # The frame of the robot has the joint's axis, here y, as its z.
+    assert sorted(robot.translations[0].tolist()) == [0.0, 0.0, 0.4]
+    assert robot.source == str(path)
+    urdf = pfd.read_urdf(path)
+    assert urdf is not None
+    # What is published is the expanded text.
+    assert urdf.text == pfd.urdf_of(path)
+    assert 'xacro:' not in urdf.text
+    assert pfd.load_robot(urdf) == robot
+
+
+@pytest.mark.parametrize(
+    ('inside', 'reason'),
+    [
+        ('<link name="${missing}"/>', "name 'missing' is not defined"),
+        ('<xacro:include filename="absent.xacro"/>', 'No such file'),
+        ('<xacro:unknown/>', 'unknown macro name: xacro:unknown'),
+        ('<link', 'ExpatError'),
+        (
+            '<xacro:macro name="a"><link name="b"/><xacro:a/></xacro:macro><xacro:a/>',
+            'RecursionError',
+        ),
+    ],
+)
+def test_a_file_that_xacro_cannot_expand_is_refused_with_its_reason(
+    tmp_path: Path, inside: str, reason: str
+) -> None:
+    pytest.importorskip('xacro')
+    path = xacro_file(tmp_path, f'<robot name="r" {EXPANDING}>{inside}</robot>')
+    with pytest.raises(ValueError, match=rf"xacro cannot expand '.*arm\.urdf\.xacro': .*{reason}"):
+        pfd.load_robot(path)
+
+
+def test_time_and_length_of_an_expansion_are_bounded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip('xacro')
+    path = xacro_file(tmp_path, f'<robot name="${{\'a\' * 2**25}}" {EXPANDING}/>')
+    with pytest.raises(ValueError, match='characters, more than the 16777216 supported'):
+        pfd.load_robot(path)
+    monkeypatch.setattr(*bridge.target('XACRO_MOST_SECONDS'), 0.001)
+    with pytest.raises(ValueError, match=r'did not expand .* within 0\.001 s; it was stopped'):
+        pfd.load_robot(path)
+
+
+def test_without_the_package_a_xacro_file_is_refused_with_the_way_to_get_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, 'xacro', None)
+    path = xacro_file(tmp_path, XACRO_ARM)
+    with pytest.raises(ValueError, match=r'needs the package xacro, .*`pip install xacro`'):
+        pfd.load_robot(path)

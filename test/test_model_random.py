@@ -1,29 +1,30 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-Damaged URDFs: an accepted robot has the masses and limits of its file, as a second reader finds.
-
-The reader below shares nothing with the package's: another XML parser, numbers by the decimal
-module, masses summed by walking down from the joints. Every file that is accepted is compared
-with it in masses and limits, and with Pinocchio in everything else.
-"""
+"""Robots and scenes drawn or damaged at random: refused in a line, or as their file says."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+import copy
+from dataclasses import fields, replace
 from decimal import Decimal, InvalidOperation
 import math
 import re
+from typing import Any
 from xml.dom import minidom
 
 from hypothesis import event, find, given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from tolerances import DYNAMICS
 from urdf_models import assert_same_physics, exact_angles
-from zoo import FORK, ODD_ARM, STRAIGHT_ARM
+import yaml
+from zoo import FORK, ODD_ARM, ROWS, STRAIGHT_ARM, random_chain
 
 import pfd_core as pfd
+
+# ---- URDF: the reader below shares nothing with the package's: another XML parser, numbers by the
+# decimal module. An accepted file is compared with it, and in its physics with Pinocchio.
 
 # URDF texts, and the joints to lock in them.
 FILES = (
@@ -136,8 +137,8 @@ def number(text: str, infinite: bool) -> float | None:
     return float(exact)
 
 
-def meant(text: str) -> dict[str, object] | None:
-    """Return the mass of each link and all joints, or None if the file does not say them."""
+def meant(text: str) -> tuple[list[minidom.Element], list[minidom.Element]] | None:
+    """Return all links and joints, or None if the file does not say their numbers."""
     root = minidom.parseString(text).documentElement
     for element in root.getElementsByTagName('*'):
         for key, value in element.attributes.items():
@@ -164,7 +165,6 @@ def meant(text: str) -> dict[str, object] | None:
         names = [e.getAttribute('name') for e in group]
         if len(set(names)) < len(names) or '' in names:
             return None
-    masses = {}
     for link in links:
         bodies, weights = link.getElementsByTagName('inertial'), link.getElementsByTagName('mass')
         inertias = link.getElementsByTagName('inertia')
@@ -172,29 +172,7 @@ def meant(text: str) -> dict[str, object] | None:
             return None
         if inertias and not all(inertias[0].hasAttribute(k) for t, k in COUNTS if t == 'inertia'):
             return None
-        weight = number(weights[0].getAttribute('value'), False) if bodies else 0.0
-        masses[link.getAttribute('name')] = weight
-    return {'masses': masses, 'joints': joints}
-
-
-def carried(robot: pfd.Robot, said: dict[str, object], locked: dict[str, float]) -> list[float]:
-    """Return the mass that moves with each joint of a robot, found by walking outwards."""
-    below: dict[str, list[minidom.Element]] = {}
-    by_name = {j.getAttribute('name'): j for j in said['joints']}
-    for joint in said['joints']:
-        parent = joint.getElementsByTagName('parent')[0].getAttribute('link')
-        below.setdefault(parent, []).append(joint)
-
-    def rigid(joint: minidom.Element) -> float:
-        link = joint.getElementsByTagName('child')[0].getAttribute('link')
-        welded = (
-            rigid(other)
-            for other in below.get(link, [])
-            if other.getAttribute('type') == 'fixed' or other.getAttribute('name') in locked
-        )
-        return said['masses'][link] + sum(welded)
-
-    return [rigid(by_name[name]) for name in robot.joint_names]
+    return links, joints
 
 
 def limits(joint: minidom.Element) -> list[float]:
@@ -235,10 +213,10 @@ def normal(text: str) -> str:
     return document.toxml()
 
 
-def clashes(said: dict[str, object]) -> bool:
+def clashes(links: list[minidom.Element], joints: list[minidom.Element]) -> bool:
     """Return whether Pinocchio would take a link for a joint, or the world for either."""
-    names = {joint.getAttribute('name') for joint in said['joints']}
-    return bool(names & {'universe', *said['masses']})
+    names, others = ({one.getAttribute('name') for one in group} for group in (joints, links))
+    return bool(names & {'universe', *others})
 
 
 def load_or_refuse(text: str, locked: dict[str, float]) -> pfd.Robot | str:
@@ -265,13 +243,12 @@ def test_a_damaged_file_is_refused_in_a_line_that_names_a_part_or_loaded_as_writ
     event('accepted')
     said = meant(text)
     assert said is not None
-    np.testing.assert_allclose(robot.masses, carried(robot, said, locked), rtol=DYNAMICS)
-    by_name = {j.getAttribute('name'): j for j in said['joints']}
+    by_name = {j.getAttribute('name'): j for j in said[1]}
     keys = ('position_lower', 'position_upper', 'velocity_limit', 'effort_limit')
     ours = np.array([getattr(robot, key) for key in (*keys, 'damping', 'friction')]).T
     theirs = [limits(by_name[name]) for name in robot.joint_names]
     np.testing.assert_array_equal(ours, theirs)
-    if not clashes(said):
+    if not clashes(*said):
         assert_same_physics(robot, normal(text), locked)
 
 
@@ -279,3 +256,127 @@ def test_a_damaged_file_is_refused_in_a_line_that_names_a_part_or_loaded_as_writ
 @pytest.mark.parametrize('refused', [False, True])
 def test_damaged_files_of_both_kinds_are_drawn(refused: bool) -> None:
     find(damaged_files(), lambda file: isinstance(load_or_refuse(*file), str) is refused)
+
+
+SCENE_KEYS = [item.name for item in fields(pfd.Scene)]
+NUMBERS = st.floats() | st.integers() | st.floats(0.0, 1.0)
+SCALARS = NUMBERS | st.text(max_size=8) | st.booleans() | st.none()
+WORDS = st.sampled_from(('model', 'estimated', 'input', 'true', '.inf', '-inf', '{0}', '%s'))
+TREES = st.recursive(
+    SCALARS | WORDS,
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(st.sampled_from(('mass', 'xx', 'link')) | st.text(), inner, max_size=3)
+    ),
+    max_leaves=6,
+)
+# Of a robot with two joints: what most fields of a scene may be.
+PAIRS = st.lists(st.floats(0.0, 1e3), min_size=2, max_size=2)
+FITTING = PAIRS | PAIRS.map(sorted).map(lambda pair: [pair, pair]) | st.booleans() | st.none()
+
+
+def written(value: Any) -> str:
+    """Return a value as YAML in one line."""
+    return yaml.safe_dump(value, default_flow_style=True, width=10**6).replace('\n...', '').strip()
+
+
+def refusal(load: Callable[[str], object], text: str) -> str:
+    """Return the error that refuses a file, checked to be a short line; '' if it is loaded."""
+    try:
+        load(text)
+    except ValueError as error:
+        event('refused')
+        found = str(error)
+    else:
+        event('accepted')
+        found = ''
+    assert '\n' not in found
+    assert len(found) < 1000
+    return found
+
+
+def scenes(values: st.SearchStrategy[Any]) -> st.SearchStrategy[dict[str, str]]:
+    return st.dictionaries(st.sampled_from(SCENE_KEYS), values.map(written), max_size=3)
+
+
+@given(scenes(FITTING) | scenes(FITTING | TREES))
+def test_a_drawn_scene_is_refused_in_a_short_line_or_comes_back_the_same(
+    values: dict[str, str],
+) -> None:
+    text = '\n'.join(['brakes: true', *(f'{k}: {v}' for k, v in values.items() if k != 'brakes')])
+    if not refusal(pfd.load_scene, text + '\n'):
+        scene = pfd.load_scene(text + '\n')
+        again = pfd.load_scene(pfd.scene_to_yaml(scene))
+        assert again == scene
+        assert again.digest == scene.digest
+
+
+@st.composite
+def robots(draw: st.DrawFn) -> pfd.Robot:
+    """Draw a robot with any names and with numbers of any size."""
+    n = draw(st.integers(1, 4))
+
+    def each(numbers: st.SearchStrategy[float]) -> list[float]:
+        return draw(st.lists(numbers, min_size=n, max_size=n))
+
+    names = st.text(st.characters(codec='utf-8', exclude_categories=('Cc', 'Cs')), min_size=1)
+    positive = st.floats(0.0, 1e100)
+    limits = np.sort(np.array([each(st.floats(allow_nan=False)) for _ in range(2)]), axis=0)
+    return replace(
+        random_chain(np.random.default_rng(draw(st.integers(0, 2**32))), n),
+        name=draw(names),
+        joint_names=tuple(draw(st.lists(names, min_size=n, max_size=n, unique=True))),
+        translations=np.array(
+            draw(st.lists(st.floats(-1e100, 1e100), min_size=3 * n, max_size=3 * n))
+        ).reshape(n, 3),
+        position_lower=limits[0],
+        position_upper=limits[1],
+        effort_limit=each(st.floats(0.0)),
+        **{key: each(positive) for key in ('damping', 'friction', 'armature')},
+    )
+
+
+@given(robots())
+def test_storing_and_loading_a_robot_loses_no_bit(robot: pfd.Robot) -> None:
+    again = pfd.load_robot(pfd.robot_to_yaml(robot))
+    assert again == robot
+    for item in fields(pfd.Robot):
+        value = getattr(robot, item.name)
+        if isinstance(value, np.ndarray):
+            assert value.tobytes() == getattr(again, item.name).tobytes(), item.name
+
+
+def places(node: Any, way: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Yield the path to each value of a document."""
+    below = node.items() if isinstance(node, dict) else enumerate(node)
+    for key, value in below:
+        yield (*way, key)
+        if isinstance(value, dict | list):
+            yield from places(value, (*way, key))
+
+
+@st.composite
+def damaged_robots(draw: st.DrawFn) -> str:
+    """Draw a robot's YAML with one value replaced, removed or put under another key."""
+    document = copy.deepcopy(yaml.safe_load(ROWS))
+    *way, last = draw(st.sampled_from(sorted(places(document), key=str)))
+    node = document
+    for key in way:
+        node = node[key]
+    change = draw(st.sampled_from(('replace', 'replace', 'replace', 'remove', 'rename')))
+    if change == 'replace':
+        node[last] = draw(TREES)
+    else:
+        value = node.pop(last)
+        if change == 'rename':
+            *_, name = draw(st.sampled_from(sorted(places(document), key=str)))
+            node.update({name: value}) if isinstance(node, dict) else node.append(value)
+    return written(document)
+
+
+@pytest.mark.filterwarnings('ignore::pfd_core.PhysicsWarning')
+@given(damaged_robots())
+def test_a_damaged_robot_is_refused_in_a_short_line_or_comes_back_the_same(text: str) -> None:
+    if not refusal(pfd.load_robot, text + '\n'):
+        robot = pfd.load_robot(text + '\n')
+        assert pfd.load_robot(pfd.robot_to_yaml(robot)) == robot

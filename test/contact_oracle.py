@@ -20,7 +20,7 @@ from itertools import product
 import numpy as np
 from oracle import Oracle
 from scipy.integrate import DOP853
-from zoo import Array
+from zoo import Array, random_chain
 
 import pfd_core as pfd
 
@@ -290,3 +290,28 @@ def bisected(
         else:
             left = middle
     return right
+
+
+def random_case(rng: np.random.Generator) -> tuple[Case, pfd.Scene]:
+    """Return an arm of two to six joints; tau is that of gravity at zero, and more."""
+    n = int(rng.integers(2, 7))
+    robot = random_chain(rng, n, 0.2)
+    armature = rng.uniform(0.1, 1.0, n)
+    friction = rng.uniform(0, 3, n) * (rng.random(n) < 0.6)
+    gap = 10 ** rng.uniform(-2, 0, n)
+    limits = rng.uniform(-0.5, 0.5, n)[:, np.newaxis] + gap[:, np.newaxis] * [-0.5, 0.5]
+    restitution = np.where(rng.random(n) < 0.3, rng.integers(0, 2, n), rng.uniform(0, 1, n))
+    case = Case(robot, armature, friction, limits, restitution, rng.normal(0, 10, n))
+    scene = pfd.Scene(
+        armature=armature, friction=friction, joint_limits=limits, restitution=restitution
+    )
+    return case, scene
+
+
+def random_start(rng: np.random.Generator, case: Case) -> tuple[Array, Array]:
+    """Return positions between the stops, some at them, and velocities, some zero."""
+    lower, upper = case.limits.T
+    where, n = rng.random(len(lower)), len(lower)
+    q = rng.uniform(lower, upper)
+    q = np.where(where < 0.1, lower, np.where(where > 0.9, upper, q))
+    return q, rng.normal(0, 3, n) * (rng.random(n) < 0.7)

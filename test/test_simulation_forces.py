@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Strong damping and stiff springs: accurate steps, the integrator of 'auto', refusals."""
+"""Forces of joints: strong damping, stiff springs, cogging, friction that depends on load."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from functools import partial
 import math
 from typing import Any
 
-import bridge
 from bridge import (
     STIFF_DECAY,
+    TABLEAUX,
     fastest_decay,
-    inertia_matrices,
     resolve_plant,
 )
 import numpy as np
+from oracle import Oracle
 import pinocchio as pin
 import pytest
 from sampling import one_fast
-from zoo import WHEEL, joint, link, random_chain, slider, to_pinocchio, urdf
+from zoo import WHEEL, Array, joint, link, slider, to_pinocchio, urdf
 
 import pfd_core as pfd
 
-START = np.array([0.1, -0.7, 0.9, 0.3, 0.2, 0.5])
+AT = np.array([0.1, -0.7, 0.9, 0.3, 0.2, 0.5])
 
 
 def scene_of(damping: float, rotors: bool) -> pfd.Scene:
@@ -34,14 +34,12 @@ def scene_of(damping: float, rotors: bool) -> pfd.Scene:
 ACCURATE = 2e-6
 # The same of a rod from 1 rad/s on, at any damping. Seen up to 4e-5, at h d / I = 4.
 COASTING = 6e-5
-# Inertia over damping in seconds: the next term of the quasi-static velocity.
-QUASI_STATIC = 1e-3
 
 
-def puma(damping: float, rotors: bool, **settings: Any) -> pfd.Simulator:
+def damped_puma(damping: float, rotors: bool, **settings: Any) -> pfd.Simulator:
     settings = {'integrator': 'imex2'} | settings
     sim = pfd.Simulator(pfd.load_robot('puma560'), scene_of(damping, rotors), **settings)
-    sim.reset(q=START, qd=np.full(6, 2.0))
+    sim.reset(q=AT, qd=np.full(6, 2.0))
     return sim
 
 
@@ -64,7 +62,7 @@ DAMPED = [
 def test_the_error_stays_small_at_any_damping_and_falls_with_the_square_of_the_step(
     damping: float, rotors: bool, duration: float, ordered: bool
 ) -> None:
-    start = {'q': START, 'qd': np.full(6, 2.0)}
+    start = {'q': AT, 'qd': np.full(6, 2.0)}
     robot, scene = pfd.load_robot('puma560'), scene_of(damping, rotors)
     right = pfd.integrate(
         robot, np.zeros(6), duration, scene=scene, **start, rtol=1e-10, dense=False
@@ -72,7 +70,7 @@ def test_the_error_stays_small_at_any_damping_and_falls_with_the_square_of_the_s
     assert right.status == 'ok'
 
     def error(**settings: Any) -> float:
-        sim = puma(damping, rotors, step_size=1e-3, **settings)
+        sim = damped_puma(damping, rotors, step_size=1e-3, **settings)
         run = sim.rollout(np.zeros((round(duration / 1e-3), 6)))
         assert run.status == 'ok'
         return float(np.abs(run.q[-1] - right.q[-1]).max())
@@ -82,19 +80,6 @@ def test_the_error_stays_small_at_any_damping_and_falls_with_the_square_of_the_s
         errors = [error(substeps=substeps) for substeps in (1, 4, 16)]
         assert errors[0] < ACCURATE
         assert math.log2(errors[1] / errors[2]) / 2 == pytest.approx(2, abs=0.2)
-
-
-def test_velocities_under_a_very_strong_damping_are_quasi_static() -> None:
-    # Without rotors h lambda is 3e5 here: d qd = -gravity torques, by Pinocchio.
-    damping = 1e4
-    sim = puma(damping, False, step_size=1e-3, substeps=1)
-    trajectory = sim.rollout(np.zeros((200, 6)))
-    assert trajectory.status == 'ok'
-    model = to_pinocchio(sim.robot)
-    data = model.createData()
-    for q, qd in zip(trajectory.q[20:], trajectory.qd[20:], strict=True):
-        expected = -pin.computeGeneralizedGravity(model, data, q) / damping
-        np.testing.assert_allclose(qd, expected, rtol=0, atol=QUASI_STATIC * abs(expected).max())
 
 
 @pytest.mark.parametrize('integrator', ['imex2', 'auto'])
@@ -113,21 +98,6 @@ def test_a_damped_rod_coasts_as_in_its_closed_form(damping: float, integrator: s
     np.testing.assert_array_equal(trajectory.q[:, 1], 0.0)
     # No ringing: a trapezoidal rule would keep the velocity and change its sign.
     assert abs(trajectory.qd[-1, 0]) <= math.exp(-rate) + COASTING
-
-
-def test_functions_that_are_cut_into_parts_take_the_same_steps(
-    emitted: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv('PFD_CACHE', '')
-    monkeypatch.setattr(*bridge.target('GENERATE_LONGEST'), 0)
-    monkeypatch.setattr(*bridge.target('GENERATE_PART'), 37)
-    robot = random_chain(np.random.default_rng(1), 3)
-    scene = pfd.Scene(damping=np.full(3, 5.0), armature=np.full(3, 0.1))
-    sim = pfd.Simulator(robot, scene, integrator='imex2')
-    end = sim.rollout(np.zeros((20, 3))).q[-1]
-    assert any('@part1.' in ir for ir in emitted)
-    reference = pfd.integrate(robot, np.zeros(3), 0.02, scene=scene).q[-1]
-    np.testing.assert_allclose(end, reference, rtol=0, atol=ACCURATE)
 
 
 # Roundings of a few substeps, compared with the terms of a stage that are h lambda times as large.
@@ -231,25 +201,6 @@ def test_the_fastest_decay_is_hardly_exceeded_in_other_poses(name: str) -> None:
     assert fastest > 0.9 * fastest_decay(plant)
 
 
-@pytest.mark.parametrize('rotors', [True, False])
-def test_a_very_strong_damping_takes_up_the_momentum(rotors: bool) -> None:
-    # d (q - q0) = H qd0 - (gravity torques) t, but for parts that are smaller by the motion. The
-    # first step takes the Coriolis torques of qd0, which is over at once: 1e-6 rad are left.
-    damping, duration = 1e4, 0.2
-    robot, scene = pfd.load_robot('puma560'), scene_of(damping, rotors)
-    sim = pfd.Simulator(robot, scene, step_size=1e-3, substeps=1)
-    assert sim.integrator == 'imex2'
-    sim.reset(START, np.full(6, 2.0))
-    run = sim.rollout(np.zeros((round(duration / 1e-3), 6)))
-    model = to_pinocchio(robot)
-    data = model.createData()
-    (H,) = inertia_matrices(resolve_plant(robot, scene), START[np.newaxis])
-    gravity = pin.computeGeneralizedGravity(model, data, START)
-    moved = (H @ np.full(6, 2.0) - gravity * duration) / damping
-    assert np.abs(moved).max() > 1e-4
-    np.testing.assert_allclose(run.q[-1] - START, moved, rtol=0, atol=3e-6)
-
-
 def test_a_joint_settles_into_the_period_of_its_cogging_and_swings_as_its_slope_says() -> None:
     # I qdd = -a sin(k q + p), about q = (2 pi m - p) / k with w^2 = a k / I.
     amplitude, periods, phase = 0.5, 8.0, 0.4
@@ -275,3 +226,172 @@ def test_springs_too_stiff_for_the_step_are_refused_with_the_substeps_that_they_
     sim.reset([0.01], [0.0])
     run = sim.rollout(np.zeros((100, 1)))
     assert np.abs(run.q[:, 0] - 0.01 * np.cos(200 * run.time)).max() < SWING
+
+
+MU = 0.2
+ROTORS = [0.8, 4.0, 0.8]
+START = np.array([0.0, 0.2, 0.3]), np.array([0.5, -0.5, 1.0])
+# Errors of a position [rad] after a second of steps of 1 ms, and rounding.
+LARGEST = {'rk4': 2e-11, 'velocity_verlet': 5e-6, 'imex2': 5e-6}
+ROUNDING = 1e-13
+
+
+def puma() -> pfd.Robot:
+    """Return the first three joints of a PUMA 560."""
+    return pfd.load_robot('puma560', locked={f'joint{k}': 0.3 for k in (4, 5, 6)})
+
+
+def torques(largest: list[float], seed: int) -> Array:
+    """Return torques of four quarters of a second, (4, 3)."""
+    signs = np.array([[1], [-1], [1], [-1]]) * np.array([1, -1, 1])
+    found: Array = np.random.default_rng(seed).uniform(0.4, 1, (4, 3)) * largest * signs
+    return found
+
+
+def simulator(robot: pfd.Robot, scene: pfd.Scene, **settings: Any) -> pfd.Simulator:
+    return pfd.Simulator(robot, scene, **{'step_size': 1e-3, 'substeps': 1} | settings)
+
+
+def after_a_second(scene: pfd.Scene, taus: Array, h: float, **settings: Any) -> Array:
+    sim = simulator(puma(), scene, step_size=h, **settings)
+    sim.reset(*START)
+    sim.rollout(np.repeat(taus, round(0.25 / h), axis=0))
+    return sim.q
+
+
+@pytest.mark.parametrize('integrator', TABLEAUX)
+def test_friction_takes_its_share_of_a_torque_that_drives_and_adds_it_to_one_that_brakes(
+    integrator: str,
+) -> None:
+    u = 1.0 / INERTIA
+    sim = simulator(
+        pfd.load_robot(WHEEL),
+        pfd.Scene(gravity=None, load_friction=[MU]),
+        integrator=integrator,
+    )
+    sim.reset([0.0], [1.0])
+    run = sim.rollout(np.repeat([[1.0], [-1.0]], 100, axis=0))
+    up, down, back = u * (1 - MU), u * (1 + MU), u * (1 - MU)
+    fast = 1 + 0.1 * up
+    top = 0.1 + up * 0.1**2 / 2 + fast**2 / (2 * down)
+    left = 0.1 - fast / down
+    assert left > 0
+    np.testing.assert_allclose(run.qd[99], [fast], rtol=ROUNDING)
+    np.testing.assert_allclose(run.qd[-1], [-back * left], rtol=1e-11)
+    np.testing.assert_allclose(run.q[-1], [top - back * left**2 / 2], rtol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ('share', 'moves'),
+    [(0.999 / (1 + MU), -1), (1.001 / (1 + MU), 0), (0.999 / (1 - MU), 0), (1.001 / (1 - MU), 1)],
+)
+def test_a_motor_holds_a_weight_between_that_over_1_plus_mu_and_over_1_minus_mu(
+    share: float, moves: int
+) -> None:
+    weight = 9.81
+    sim = simulator(slider(0.0, 1.0), pfd.Scene(load_friction=[MU]))
+    run = sim.rollout(np.full((100, 1), share * weight))
+    # Friction is against the motion: towards the motor's torque, if the weight falls.
+    force = share * weight * (1 - moves * MU) - weight if moves else 0.0
+    np.testing.assert_allclose(run.q[-1], [force * 0.1**2 / 2], rtol=1e-9, atol=0.0)
+
+
+def test_friction_takes_its_share_of_the_torque_that_compensates_gravity_too() -> None:
+    scene, push, speed, t = pfd.Scene(load_friction=[MU], gravity_compensation=True), 3.0, 1.0, 0.1
+    rail = slider(0.0, 1.0)
+    sim = simulator(rail, scene)
+    sim.reset(qd=[speed])
+    runs = (
+        sim.rollout(np.full((100, 1), push)),
+        pfd.integrate(rail, [push], t, scene=scene, qd=[speed]),
+    )
+    for run in runs:
+        force = push - MU * (push + 9.81)
+        np.testing.assert_allclose(run.q[-1], [speed * t + force * t**2 / 2], rtol=ROUNDING)
+
+
+def test_all_steps_find_the_same_motion_and_events_as_with_friction_of_each_torque() -> None:
+    taus, friction = torques([30, 70, 18], 5), np.array([3.0, 4.0, 1.5])
+    states, found = [START, START], [0, 0]
+    scene = pfd.Scene(armature=ROTORS, friction=friction, load_friction=[0.15] * 3)
+    for tau in taus:
+        equal = pfd.Scene(armature=ROTORS, friction=friction + 0.15 * np.abs(tau))
+        for k, x in enumerate((equal, scene)):
+            q, qd = states[k]
+            motion = pfd.integrate(puma(), tau, 0.25, scene=x, q=q, qd=qd, rtol=1e-12, atol=1e-14)
+            states[k] = motion.q[-1], motion.qd[-1]
+            found[k] += len(motion.events)
+    assert found == [2, 2]
+    np.testing.assert_allclose(*states, rtol=0, atol=1e-13)
+    for integrator, largest in LARGEST.items():
+        end = after_a_second(scene, taus, 1e-3, integrator=integrator)
+        assert np.abs(end - states[0][0]).max() < largest
+
+
+def test_a_weight_breaks_away_where_the_falling_torque_of_its_motor_lets_it() -> None:
+    # The weight sinks once tau (1 + mu) is below it.
+    rate, bound = 3.0, 9.81 / (1 + MU)
+
+    def torque(t: float, q: Array, qd: Array) -> Array:
+        return np.array([1.001 * bound - rate * t])
+
+    scene = pfd.Scene(load_friction=[MU])
+    motion = pfd.integrate(slider(0.0, 1.0), torque, 0.1, scene=scene, rtol=1e-12, atol=1e-14)
+    freed = 0.001 * bound / rate
+    np.testing.assert_allclose(motion.events, [freed], rtol=1e-9)
+    way = rate * (1 + MU) * (0.1 - freed) ** 3 / 6
+    np.testing.assert_allclose(motion.q[-1], [-way], rtol=1e-9)
+
+    # The torque of a motor with lag falls within a step, to 0.9 of that bound.
+    lag, end = 0.02, 0.9 * bound
+    sim = simulator(slider(0.0, 1.0), pfd.Scene(load_friction=[MU], motor_lag=[lag]))
+    sim.reset(tau_motor=[1.1 * bound])
+    run = sim.rollout(np.full((50, 1), end))
+    excess, t = bound - end, run.time - lag * np.log(2.0)
+    way = (1 + MU) * excess * (lag * t + lag**2 * np.expm1(-t / lag) - t**2 / 2)
+    np.testing.assert_allclose(run.q[:, 0], np.where(t > 0, way, 0.0), rtol=0, atol=1e-10)
+
+
+def full_scene() -> pfd.Scene:
+    """Return friction of all kinds, stops, and drives whose torques depend on the state."""
+    return pfd.Scene(
+        armature=ROTORS,
+        friction=[3.0, 4.0, 1.5],
+        static_friction=[6.0, 9.0, 3.0],
+        stribeck_velocity=[0.3] * 3,
+        load_friction=[0.2, 0.15, 0.1],
+        joint_limits=[[-1.0, 1.0], [-0.6, 0.9], [-0.5, 1.5]],
+        restitution=0.4,
+        gravity_compensation=True,
+        effort_limits=[90.0] * 3,
+    )
+
+
+def test_load_friction_behind_drives_with_stribeck_and_stops_keeps_the_fourth_order() -> None:
+    taus = 0.5 * torques([30, 70, 18], 5)
+    right = after_a_second(full_scene(), taus, 1.25e-4, integrator='rk4')
+    steps = (2e-3, 1e-3, 5e-4)
+    errors = [
+        np.abs(after_a_second(full_scene(), taus, h, integrator='rk4') - right).max()
+        for h in steps
+    ]
+    assert errors[0] < 1e-8
+    assert np.log2(errors[0] / errors[-1]) / 2 > 3.5
+
+
+def test_accelerations_are_those_of_pinocchio_under_the_torque_that_friction_leaves() -> None:
+    robot, rng = pfd.load_robot('ur5'), np.random.default_rng(2)
+    mu, dry, most = rng.uniform(0.05, 0.3, 6), rng.uniform(0.1, 1.0, 6), np.full(6, 20.0)
+    rotors = np.full(6, 0.5)
+    scene = pfd.Scene(armature=rotors, friction=dry, load_friction=mu, effort_limits=most)
+    oracle = Oracle(robot, rotors)
+    sim = simulator(robot, scene, integrator='rk4')
+    for _ in range(20):
+        q, qd, tau = rng.uniform(-2, 2, 6), rng.normal(size=6), rng.uniform(-40, 40, 6)
+        sim.reset(q, qd)
+        sim.step(tau)
+        motor = np.clip(tau, -most, most)
+        left = motor - np.sign(sim.qd) * (dry + mu * np.abs(motor))
+        assert (sim.qd != 0.0).all()
+        wanted = oracle.qdd(sim.q, sim.qd, left)
+        np.testing.assert_allclose(sim.qdd, wanted, rtol=1e-9, atol=1e-9)

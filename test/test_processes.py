@@ -1,0 +1,234 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Processes that compute: forked at any time, ended in any way, interrupted within a call."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from itertools import cycle, islice
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+from computing_processes import STATUSES, WAYS, WORK
+import pytest
+from sampling import one_fast
+
+import pfd_core as pfd
+
+SCRIPT = Path(__file__).with_name('computing_processes.py')
+PACKAGE = Path(pfd.__file__).parent
+# Far longer than any of the processes takes [s]; one that hangs is killed and fails.
+PATIENCE = 120.0
+FORKING_PATIENCE = 1200.0
+MANY = (pytest.mark.slow, pytest.mark.long, pytest.mark.timeout(12 * FORKING_PATIENCE))
+
+
+def command(*arguments: object) -> list[str]:
+    return [sys.executable, '-W', 'ignore::DeprecationWarning', *map(str, (SCRIPT, *arguments))]
+
+
+# ---- forks: a child never waits for a lock of a thread that it lacks --------------------------
+
+
+@pytest.mark.skipif(not hasattr(os, 'fork'), reason='needs fork')
+@pytest.mark.slow
+@pytest.mark.timeout(FORKING_PATIENCE)
+@pytest.mark.parametrize(('processes', 'children'), [(1, 3), pytest.param(12, 12, marks=MANY)])
+@pytest.mark.parametrize('work', WORK)
+def test_a_child_forked_while_threads_compile_computes_too(
+    work: str, processes: int, children: int
+) -> None:
+    for _ in range(processes):
+        subprocess.run(
+            command('fork', work, children),
+            env=os.environ | {'PFD_CACHE': '', 'PYTHONPATH': os.pathsep.join(sys.path)},
+            check=True,
+            timeout=FORKING_PATIENCE,
+        )
+
+
+# Does some work, and prints the modules that it imports: all of them, and those during whose
+# import the process could be forked.
+IMPORTS = """
+import json, sys
+import computing_processes as process
+from pfd_core.forking import no_fork
+found, open_to_forks = [], []
+class Watch:
+    def find_spec(self, name, *_):
+        found.append(name)
+        if not no_fork._is_owned():
+            open_to_forks.append(name)
+sys.meta_path.insert(0, Watch())
+process.WORK[sys.argv[1]]()
+print(json.dumps([found, open_to_forks]))
+"""
+
+
+@pytest.mark.parametrize(('work', 'module'), [('kernels', 'llvmlite'), ('digits', 'mpmath')])
+def test_computing_imports_modules_only_while_no_process_can_be_forked(
+    work: str, module: str
+) -> None:
+    done = subprocess.run(
+        [sys.executable, '-c', IMPORTS, work],
+        env=os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=PATIENCE,
+    )
+    found, open_to_forks = json.loads(done.stdout)
+    assert module in found
+    assert not open_to_forks
+
+
+# Standard names that hold a lock while they call back or import.
+LOCKED = {'cached_property', 'mkstemp', 'Barrier', 'Condition', 'Event', 'Semaphore'}
+LOCKED |= {'Lock', 'RLock'}
+
+
+def violations(source: str) -> Iterator[str]:
+    """Yield the locks that a module uses and its imports within functions that a fork may meet."""
+    tree = ast.parse(source)
+    guarded = {
+        inner
+        for node in ast.walk(tree)
+        if isinstance(node, ast.With) and 'no_fork' in ast.unparse(node.items[0])
+        for inner in node.body
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and node.attr in LOCKED:
+            yield ast.unparse(node)
+        if isinstance(node, ast.ImportFrom) and not str(node.module).startswith('pfd_core'):
+            yield from (alias.name for alias in node.names if alias.name in LOCKED)
+        if isinstance(node, ast.FunctionDef):
+            yield from (
+                ast.unparse(inner)
+                for inner in ast.walk(node)
+                if isinstance(inner, ast.Import | ast.ImportFrom) and inner not in guarded
+            )
+
+
+def test_locks_and_late_imports_are_those_that_are_held_at_a_fork() -> None:
+    for source in ('import threading\nlock = threading.Lock()', 'def f():\n    import mpmath'):
+        assert len(list(violations(source))) == 1
+    found = {
+        path.relative_to(PACKAGE).as_posix(): list(violations(path.read_text(encoding='utf-8')))
+        for path in PACKAGE.rglob('*.py')
+    }
+    assert {name: lines for name, lines in found.items() if lines} == {
+        'forking.py': ['threading.RLock', 'functools.cached_property', 'functools.cached_property']
+    }
+
+
+# ---- ends: with the expected status, every time -----------------------------------------------
+
+THREADS = (2, 0, 3)
+
+
+def ending(case: tuple[str, int]) -> str:
+    """Return how a process ended that should not have ended so, or nothing."""
+    way, count = case
+    try:
+        run = subprocess.run(
+            command('end', way, count), capture_output=True, text=True, timeout=PATIENCE
+        )
+    except subprocess.TimeoutExpired:
+        return f'{way}, {count} threads: hangs'
+    errors = run.stderr.strip().splitlines()
+    quiet = not errors or (way == 'by SIGINT' and errors[-1] == 'KeyboardInterrupt')
+    if run.returncode == STATUSES.get(way, 0) and quiet:
+        return ''
+    return f'{way}, {count} threads: status {run.returncode}, {errors[-3:]}'
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('number', [len(WAYS), pytest.param(300, marks=MANY)])
+def test_processes_with_any_number_of_threads_end_well(number: int) -> None:
+    ways = [way for way in WAYS if way != 'with fork' or hasattr(os, 'fork')]
+    rounds = [
+        (way, THREADS[(k + start) % len(THREADS)])
+        for start in range(len(THREADS))
+        for k, way in enumerate(ways)
+    ]
+    with ThreadPoolExecutor(2) as starters:
+        assert [x for x in starters.map(ending, islice(cycle(rounds), number)) if x] == []
+
+
+# ---- interrupts: state and time stay together ------------------------------------------------
+
+INTERRUPTED_ROLLOUT = """
+import os, random, signal, sys, threading
+import numpy as np
+import pfd_core as pfd
+signal.signal(signal.SIGINT, signal.default_int_handler)
+rng, times, kind = random.Random(1), 3, sys.argv[1]
+taus = np.random.default_rng(1).normal(size=(400_000, 2)) / 10
+robot, done, integrator = pfd.load_robot('planar2'), 0, rng.choice(['rk4', 'velocity_verlet'])
+make = getattr(pfd, kind)
+of = (robot, 9) if kind == 'Ensemble' else (robot,)
+sim, other = (make(*of, substeps=50, integrator=integrator) for _ in range(2))
+facts = lambda s: (s.q.tobytes(), s.qd.tobytes(), s.qdd.tobytes(), s.time, s.status)
+for _ in range(times):
+    timer = threading.Timer(rng.random() * 0.1, os.kill, (os.getpid(), signal.SIGINT))
+    try:
+        timer.start()
+        if kind == 'Simulator' and rng.random() < 0.3:
+            for tau in taus[done:]:
+                sim.step(tau)
+        sim.rollout(taus[done:])
+        timer.join()
+    except KeyboardInterrupt:
+        pass
+    now = round(sim.time / sim.step_size)
+    assert now < len(taus), 'it was not interrupted'
+    other.rollout(taus[done:now])
+    assert facts(sim) == facts(other), now
+    done = now
+print('went on')
+"""
+INTERRUPTED_INTEGRATION = """
+import os, signal, sys, threading, time
+import numpy as np
+import pfd_core as pfd
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+robot = pfd.load_robot('planar2')
+kind = sys.argv[1]
+scene = pfd.Scene(friction=[1e-3, 1e-3]) if kind == 'friction' else pfd.Scene()
+tau = (lambda t, q, qd: [0.0, 0.0]) if kind == 'law' else [0.0, 0.0]
+settings = dict(scene=scene, q=[0.5, 0.5], dense=False)
+pfd.integrate(robot, tau, 0.1, **settings)
+for _ in range(3):
+    begun = time.perf_counter()
+    try:
+        threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+        pfd.integrate(robot, tau, 1e6, max_steps=10**9, max_step=1e-3, **settings)
+        sys.exit('it was not interrupted')
+    except KeyboardInterrupt:
+        pass
+wanted = pfd.integrate(robot, tau, 1.0, **settings)
+assert wanted.status == 'ok'
+print('went on')
+"""
+INTERRUPTED = [
+    *((INTERRUPTED_ROLLOUT, kind) for kind in ('Simulator', 'Ensemble')),
+    *one_fast((INTERRUPTED_INTEGRATION, kind) for kind in ('friction', 'smooth', 'law')),
+]
+
+
+@pytest.mark.parametrize(('script', 'argument'), INTERRUPTED)
+def test_a_simulation_continues_where_it_was_interrupted(script: str, argument: str) -> None:
+    done = subprocess.run(
+        [sys.executable, '-c', script, argument],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert (done.stdout, done.stderr) == ('went on\n', '')

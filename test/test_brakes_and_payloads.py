@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Brakes mean the same in kernels, simulations and on the emulated machine."""
+"""Brakes and payloads that a call gives mean the same in kernels, simulations and the emulator."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from oracle import Oracle
 import pytest
 from sampling import one_fast
 from tolerances import ACCELERATION
-from zoo import random_chain, random_state, without_mass
+from zoo import ODD_ARM, random_chain, random_state, without_mass
 
 import pfd_core as pfd
 
@@ -22,8 +22,6 @@ INSTANT = 1e-15
 # Rounding of impulses, for chains whose H has a condition of 1e3 or less.
 IMPULSE = 1e-11
 HELD = np.array([True, False, True])
-# Methods of which each run has a kernel with brakes: LLVM takes a second for some of the others.
-FEW = ('composite_body', 'articulated_body', 'pcgm')
 
 
 def massless_from(joint: int) -> pfd.Robot:
@@ -37,33 +35,6 @@ def struck_out(robot: pfd.Robot, q, qd, tau, held) -> np.ndarray:  # type: ignor
     H, y = oracle.H(q), tau - oracle.tau(q, qd, 0 * q)
     qdd[free] = np.linalg.solve(H[np.ix_(free, free)], y[free])
     return qdd
-
-
-@pytest.mark.parametrize(
-    'method',
-    [name if name in FEW else pytest.param(name, marks=pytest.mark.slow) for name in pfd.METHODS],
-)
-def test_emulator_kernel_and_functions_brake_the_same_joints(method: str) -> None:
-    robot = random_chain(np.random.default_rng(1), 3)
-    state = random_state(np.random.default_rng(2), 3)
-    wanted = struck_out(robot, *state, HELD)
-    tolerance = ACCELERATION * 1e3 * np.abs(wanted).max()  # H of a random chain: 1e3 at most
-    emulated = pfd.emulate(robot, *state, method=method, scene=BRAKES, brakes=HELD)
-    assert emulated.status == 'ok'
-    kernel = pfd.compile_kernel(robot, method=method, scene=BRAKES)
-    for found in (
-        emulated.qdd,
-        kernel(*state, brakes=HELD),
-        pfd.forward_dynamics(robot, *state, method=method, scene=BRAKES, brakes=HELD),
-    ):
-        np.testing.assert_array_equal(found[HELD], 0.0)
-        assert np.abs(found - wanted).max() < tolerance
-    # All are open by default.
-    opened = kernel(*state, brakes=np.zeros(3, bool))
-    for brakes in ({}, {'brakes': None}):
-        np.testing.assert_array_equal(kernel(*state, **brakes), opened)
-        found = pfd.emulate(robot, *state, method=method, scene=BRAKES, **brakes).qdd
-        assert np.abs(found - opened).max() < ACCELERATION * 1e3 * np.abs(opened).max()
 
 
 @pytest.mark.parametrize(
@@ -196,39 +167,149 @@ CALLS = {
 }
 
 
+WRONG_BRAKES = [
+    (BRAKES, [0, 1], 'brakes must be an array of bool, True for braked, got'),
+    (BRAKES, ['yes', 'no'], 'brakes must be an array of bool, True for braked, got'),
+    (BRAKES, np.ma.masked_array([True, False], [True, False]), 'brakes must be an array of bool'),
+    (BRAKES, [True, False, True], r'brakes must have shape \(2,\) or \(B, 2\)'),
+    (BRAKES, True, r'brakes must have shape \(2,\) or \(B, 2\)'),
+    (pfd.Scene(), [False, False], r'brakes were given.*Scene\(brakes=True\)'),
+]
+
+
 @pytest.mark.sweep
 @pytest.mark.parametrize('call', CALLS)
-@pytest.mark.parametrize(
-    'brakes',
-    [
-        [0, 1],
-        [0.0, 1.0],
-        np.array([1, 0], np.int8),
-        ['yes', 'no'],
-        [None, True],
-        np.ma.masked_array([True, False], [True, False]),
-        [[True], [True, False]],
-    ],
+@pytest.mark.parametrize(('scene', 'brakes', 'message'), WRONG_BRAKES)
+def test_brakes_other_than_one_bool_a_joint_are_refused(
+    call: str, scene: pfd.Scene, brakes: object, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        CALLS[call](scene, brakes)
+
+
+BODY = pfd.Payload(
+    2.5, (0.1, -0.02, 0.05), ((0.02, 0.001, -0.002), (0.001, 0.03, 0.003), (-0.002, 0.003, 0.025))
 )
-def test_brakes_that_are_no_bools_are_refused(call: str, brakes: object) -> None:
-    with pytest.raises(ValueError, match='brakes must be an array of bool, True for braked, got'):
-        CALLS[call](BRAKES, brakes)
+INPUT = pfd.Scene(payload='input')
+# Some hundred operations in another order, over pivots a hundred times smaller than H.
+ROUNDING = 1e-12
+WITH_BODIES = [name for name, row in pfd.QUANTITIES.items() if 'payload' in row.effects]
+STEPS = 100
 
 
-@pytest.mark.parametrize('call', CALLS)
-@pytest.mark.parametrize('brakes', [[True], [True, False, True], True])
-def test_brakes_for_another_number_of_joints_are_refused(call: str, brakes: object) -> None:
-    with pytest.raises(ValueError, match=r'brakes must have shape \(2,\) or \(B, 2\)'):
-        CALLS[call](BRAKES, brakes)
+HEAVY = pytest.param(ODD_ARM, 'derivatives', marks=pytest.mark.slow)
 
 
-@pytest.mark.parametrize('call', CALLS)
-def test_brakes_of_a_scene_without_them_are_refused(call: str) -> None:
-    with pytest.raises(ValueError, match=r'brakes were given.*Scene\(brakes=True\)'):
-        CALLS[call](pfd.Scene(), [False, False])
+@pytest.mark.parametrize(
+    ('robot', 'quantity'),
+    [
+        *((ODD_ARM, quantity) for quantity in WITH_BODIES if quantity != 'derivatives'),
+        HEAVY,
+        ('planar2', 'derivatives'),
+        ('ur5', 'forward_dynamics'),
+    ],
+    ids=lambda text: text if len(text) < 20 else 'odd_arm',
+)
+@pytest.mark.slow
+def test_every_quantity_has_the_payload_of_the_call(robot: str, quantity: str) -> None:
+    arm = pfd.load_robot(robot)
+    state = np.random.default_rng(3).normal(size=(3, arm.n))
+    state = state[: len(pfd.QUANTITIES[quantity].arguments)]
+    kernel = pfd.compile_kernel(arm, scene=INPUT, quantity=quantity)
+    for body in (None, BODY):
+        constant = pfd.compile_kernel(arm, scene=pfd.Scene(payload=body), quantity=quantity)
+        wanted = constant(*state)
+        found = kernel(*state, payload=body)
+        atol = ROUNDING * np.abs(wanted).max()
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=atol)
+        bound = kernel.bind(*state, out=np.zeros(kernel.shape), payload=body)
+        assert bound().tobytes() == found.tobytes()
 
 
-def test_one_simulation_takes_one_row_of_brakes() -> None:
-    sim = pfd.Simulator(pfd.load_robot('planar2'), BRAKES)
-    with pytest.raises(ValueError, match=r'brakes must have shape \(2,\), got \(1, 2\)'):
-        sim.step([1, 1], brakes=[[True, False]])
+def test_a_batch_has_the_payload_of_the_call() -> None:
+    arm = pfd.load_robot('planar2')
+    state = np.random.default_rng(3).normal(size=(3, 9, arm.n))
+    kernel = pfd.compile_kernel(arm, scene=INPUT)
+    whole = kernel(*state, payload=BODY)
+    for k, row in enumerate(whole):
+        assert row.tobytes() == kernel(*state[:, k], payload=BODY).tobytes()
+
+
+@pytest.mark.parametrize('effects', [{}, {'contact': True}], ids=['smooth', 'contact'])
+def test_a_simulation_moves_as_with_the_payload_as_a_constant(effects: dict) -> None:
+    arm = pfd.load_robot('planar2')
+    if effects:
+        effects = {
+            'joint_limits': [[-1.0, 1.0]] * arm.n,
+            'restitution': 0.3,
+            'friction': [0.1] * arm.n,
+            'brakes': True,
+            'external_wrench': True,
+            'motor_lag': [0.01] * arm.n,
+            'gravity_compensation': True,
+        }
+    q, qd, tau = np.random.default_rng(1).uniform(-0.9, 0.9, size=(3, arm.n))
+    wrench = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3] if effects else None
+    one, other = (
+        pfd.Simulator(arm, pfd.Scene(payload=body, **effects), integrator='rk4')
+        for body in ('input', BODY)
+    )
+    for simulator in (one, other):
+        simulator.reset(q, qd)
+    for _ in range(STEPS):
+        one.step(tau, wrench, payload=BODY)
+        other.step(tau, wrench)
+    np.testing.assert_allclose(one.q, other.q, rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(one.qdd, other.qdd, rtol=1e-9)
+    one.reset(q, qd)
+    trajectory = one.rollout(np.tile(tau, (STEPS, 1)), wrench, payload=BODY)
+    np.testing.assert_allclose(trajectory.q[-1], other.q, rtol=0, atol=ROUNDING)
+
+
+def test_another_payload_compiles_nothing(emitted: list[str]) -> None:
+    simulator = pfd.Simulator(pfd.load_robot('planar2'), INPUT)
+    kernel = pfd.compile_kernel(simulator.robot, scene=INPUT, quantity='inertia_matrix')
+    simulator.step([0.0, 0.0])
+    before = len(emitted)
+    for k in range(50):
+        body = pfd.Payload(0.1 * k, (0.0, 0.01 * k, 0.0))
+        simulator.step([0.0, 0.0], payload=body)
+        kernel(np.ones(2), payload=body)
+    assert len(emitted) == before
+
+
+def test_the_error_estimate_of_refinement_sees_the_payload() -> None:
+    arm = pfd.load_robot('planar2')
+    state = np.random.default_rng(4).normal(size=(3, arm.n))
+    kernel = pfd.compile_kernel(arm, scene=INPUT, refine=1)
+    exact = pfd.compile_kernel(arm, scene=pfd.Scene(payload=BODY), refine=1)
+    qdd, error = kernel.error_estimate(*state, payload=BODY)
+    np.testing.assert_allclose(qdd, exact(*state), rtol=ROUNDING)
+    assert 0 <= error < ROUNDING
+
+
+def test_an_arm_that_only_a_payload_gives_inertia_is_refused_without() -> None:
+    arm = pfd.load_robot('planar2')
+    light = without_mass(arm, [1])
+    simulator = pfd.Simulator(light, INPUT)
+    with pytest.raises(ValueError, match='give one of them, a payload with inertia'):
+        simulator.step([0.0, 0.0])
+    simulator.step([0.0, 0.0], payload=pfd.Payload(1.0, (0.1, 0.0, 0.0)))
+    assert simulator.status == 'ok'
+
+
+def test_functions_without_a_payload_as_an_input_refuse_it() -> None:
+    arm = pfd.load_robot('planar2')
+    zero = np.zeros(2)
+    for call, text in (
+        (lambda: pfd.compile_kernel(arm, scene=INPUT, method='pcrbm'), 'needs one of the methods'),
+        (lambda: pfd.emulate(arm, zero, zero, zero, scene=INPUT), 'emulate takes a scene with'),
+        (lambda: pfd.Ensemble(arm, 2, INPUT), 'an Ensemble takes a scene with'),
+        (lambda: pfd.Simulator(arm, INPUT).linearize(zero, zero, zero), 'linearize takes'),
+        (lambda: pfd.Simulator(arm).step(zero, payload=BODY), r"use Scene\(payload='input'\)"),
+        (lambda: pfd.compile_kernel(arm)(zero, zero, zero, payload=BODY), 'takes none as an'),
+        (lambda: pfd.Simulator(arm, INPUT).step(zero, payload=2.0), 'must be a Payload or None'),
+        (lambda: pfd.Scene(gravity_compensation=INPUT), 'must have a Payload or None as payload'),
+    ):
+        with pytest.raises(ValueError, match=text):
+            call()

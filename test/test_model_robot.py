@@ -13,12 +13,7 @@ import pickle
 import re
 from typing import Any
 
-from bridge import (
-    SPIN_UP_TIME,
-    Frame,
-    resolve_plant,
-    run_program,
-)
+from bridge import SPIN_UP_TIME, Frame, resolve_plant, run_program
 import numpy as np
 from oracle import relative
 import pinocchio as pin

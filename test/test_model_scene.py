@@ -149,21 +149,14 @@ def test_tables_of_torque_and_speed_get_the_rows_of_the_longest(robot: pfd.Robot
     )
 
 
-def test_motors_of_the_model_fall_off_beyond_its_velocity_limits(
-    robot: pfd.Robot,
-) -> None:
+def test_motors_of_the_model_fall_off_beyond_its_velocity_limits(robot: pfd.Robot) -> None:
     model = replace(
         robot, velocity_limit=[2.0, 3.0, np.inf, 1.0], effort_limit=[10.0, np.inf, 5.0, 7.0]
     )
     inf = np.inf
     np.testing.assert_array_equal(
         resolve_plant(model, pfd.Scene(torque_speed='model')).torque_speed,
-        [
-            [(2, 10), (4, 0)],
-            [(inf, inf), (inf, inf)],
-            [(inf, inf), (inf, inf)],
-            [(1, 7), (2, 0)],
-        ],
+        [[(2, 10), (4, 0)], [(inf, inf), (inf, inf)], [(inf, inf), (inf, inf)], [(1, 7), (2, 0)]],
     )
     stuck = replace(model, velocity_limit=[2.0, 3.0, np.inf, 0.0])
     with pytest.raises(ValueError, match=r"velocity limits above zero, .* 'joint4' has 0\.0"):

@@ -288,10 +288,7 @@ def nested(levels: int) -> str:
         (ROWS.replace('[0, 0, 1e-3]', '{x: 1}'), "center of joint 'b' must be a number, a list"),
         (ROWS.replace('name: a', 'name: [a]'), 'joint_names must be'),
         (ROWS.replace('robot: two', 'robot: two\ntip: {link: [a]}'), 'tip must be a string'),
-        (
-            ROWS.replace('name: a', f'name: {"a" * 100_000}').replace('mass: 1', 'mass: x'),
-            'mass',
-        ),
+        (ROWS.replace('name: a', f'name: {"a" * 100_000}').replace('mass: 1', 'mass: x'), 'mass'),
         (ROWS.replace('mass: 1', 'mass: ' + 'x' * 100_000), 'mass of joint'),
     ],
 )

@@ -70,12 +70,7 @@ NAMES = {
     'JOINT_VALUES': 'pfd_core.model.effects:JOINTS',
     'MOTOR_VALUES': 'pfd_core.model.effects:MOTORS',
     'STEP_VALUES': 'pfd_core.model.effects:STEP',
-    'axis_rotation': 'pfd_core.model.geometry:axis_rotation',
-    'cos_sin_degrees': 'pfd_core.model.geometry:cos_sin_degrees',
-    'merged_body': 'pfd_core.model.geometry:merged',
-    'matrix_product': 'pfd_core.model.geometry:product',
     'rotation_z': 'pfd_core.model.geometry:rotation_z',
-    'snapped_rotation': 'pfd_core.model.geometry:snapped',
     'LARGEST_MODEL_FILE': 'pfd_core.model.loading:LARGEST_FILE',
     'Plant': 'pfd_core.model.plant:Plant',
     'resolve_plant': 'pfd_core.model.plant:resolve',
@@ -85,10 +80,8 @@ NAMES = {
     'SPIN_UP_TIME': 'pfd_core.model.rotors:SPIN_UP_TIME',
     'EFFECT_FIELDS': 'pfd_core.model.effects:FIELDS',
     'EffectField': 'pfd_core.model.effects:Field',
-    'read_yaml': 'pfd_core.model.yaml_files:read_yaml',
     # pfd_core.dynamics: recorders of serial programs; tables of methods and quantities
     'record_derivatives': 'pfd_core.dynamics.acceleration:record_derivatives',
-    'record_actuators': 'pfd_core.dynamics.actuators:record_actuators',
     'record_motor_torques': 'pfd_core.dynamics.drives:record_motor_torques',
     'fused_product': 'pfd_core.dynamics.inverse:fused_product',
     'FORWARD_METHODS': 'pfd_core.dynamics.methods:FORWARD',
@@ -129,7 +122,6 @@ NAMES = {
     'cache_folder': 'pfd_core.kernels.cache:folder',
     'read_cache': 'pfd_core.kernels.cache:read',
     'write_cache': 'pfd_core.kernels.cache:write',
-    'CACHED_KERNELS': 'pfd_core.kernels.compile:CACHED_KERNELS',
     'cached_kernel': 'pfd_core.kernels.compile:_kept_kernel',
     'ir_inputs_of': 'pfd_core.kernels.generate:inputs_of',
     'ir_kernel_functions': 'pfd_core.kernels.generate:kernel_functions',
@@ -138,7 +130,6 @@ NAMES = {
     'Optimisation': 'pfd_core.kernels.native:Optimisation',
     'Target': 'pfd_core.kernels.native:Target',
     'TARGET_VARIABLE': 'pfd_core.kernels.native:VARIABLE',
-    'TARGET_LEVELS': 'pfd_core.kernels.native:LEVELS',
     'compile_kept': 'pfd_core.kernels.native:compile_kept',
     'host_target': 'pfd_core.kernels.native:host',
     'missing_features': 'pfd_core.kernels.native:missing_features',
@@ -164,13 +155,10 @@ NAMES = {
     'thread_count': 'pfd_core.kernels.threads:thread_count',
     'kernel_objects': 'pfd_core.kernels:objects',  # a module: after one that imports it
     # pfd_core.simulation: integrators, stiffness, ensembles
-    'EMBEDDED_PAIRS': 'pfd_core.simulation.embedded_pairs:PAIRS',
-    'interpolate_dense': 'pfd_core.simulation.embedded_pairs:interpolate',
     'IMEX_DIAGONAL': 'pfd_core.simulation.tableaux:IMEX_DIAGONAL',
     'TABLEAUX': 'pfd_core.simulation.tableaux:TABLEAUX',
     'STIFF_DECAY': 'pfd_core.simulation.stiffness:STIFF',
     'fastest_decay': 'pfd_core.simulation.stiffness:fastest_decay',
-    'inertia_matrices': 'pfd_core.simulation.stiffness:inertia_matrices',
     # benchmarks: robots of its cases
     'report_robot': 'benchmarks.cases.robots:robot',
     # pfd_ros.messages: bytes of ROS 2 messages -> arrays and back
@@ -373,8 +361,6 @@ PATCHED = {
     # pfd_core.model: robots, scenes, the effects and the plant made of both
     'XACRO_MOST_SECONDS': 'pfd_core.model.loading:XACRO_SECONDS',
     # pfd_core.kernels: passes, LLVM IR, native code
-    'functions_KernelSpec': 'pfd_core.kernels.compile:KernelSpec',
-    'functions_compile_spec': 'pfd_core.kernels.compile:compile_spec',
     'GENERATE_LONGEST': 'pfd_core.kernels.generate:LONGEST',
     'GENERATE_PART': 'pfd_core.kernels.generate:PART',
     'CACHE_LIMIT': 'pfd_core.kernels.cache:LIMIT',
@@ -390,8 +376,6 @@ PATCHED = {
     # pfd_core.simulation: integrators, stiffness, ensembles
     'ADAPTIVE_FIRST_OPERATIONS': 'pfd_core.simulation.adaptive:FIRST_OPERATIONS',
     'ADAPTIVE_PIECE_SECONDS': 'pfd_core.simulation.adaptive:PIECE_SECONDS',
-    'rollout_pieces': 'pfd_core.simulation.simulation:pieces',
-    'rollout_run_blocks': 'pfd_core.simulation.simulation:run',
     'Simulator_compile': 'pfd_core.simulation.simulator:Simulator._compile',
     # pfd_ros.arm: settings, events, engine, and the rules for commands
     # pfd_ros.recording: the MCAP file of a run

@@ -1,18 +1,35 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pages of benchmarks follow from the JSON next to them; a quick run measures what they show."""
+"""Pages of benchmarks follow from their JSON; peers do the same work and take turns."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 import json
 from pathlib import Path
+import shutil
 import subprocess
 import sys
+from typing import Any
 
+import numpy as np
 import pytest
 
+from benchmarks import readme, timing
 from benchmarks.__main__ import PAGES, VERSION, Page, measured, page_named, rendered, stored
+from benchmarks.cases.problems import FORWARD, QUANTITIES, random_states
+from benchmarks.cases.robots import mechanism, robot
+from benchmarks.pages import speed
+from benchmarks.peers import native
+from benchmarks.peers.casadi import casadi_c, vector_casadi
+from benchmarks.peers.others import mujoco
+from benchmarks.peers.ours import CODE, ours
+from benchmarks.peers.pinocchio import Pinocchio, pinocchio_cpp
+from benchmarks.peers.work import Arguments, LeftOutError, Peer, Side, valid_sides
 from benchmarks.table import json_text
+from benchmarks.timing import Pace, differences
+import pfd_core as pfd
 
 ROOT = Path(__file__).resolve().parent.parent
 REPORT = ROOT / 'docs' / 'report'
@@ -35,8 +52,7 @@ def test_a_page_in_docs_is_the_one_of_its_json(page: Page) -> None:
 
 
 @pytest.mark.parametrize(
-    'name',
-    [pytest.param(x, marks=[] if x in FAST else [pytest.mark.slow]) for x in MEASURED],
+    'name', [pytest.param(x, marks=[] if x in FAST else [pytest.mark.slow]) for x in MEASURED]
 )
 def test_rows_of_a_quick_run_are_shown_and_are_those_in_docs(name: str) -> None:
     page = page_named(name)
@@ -94,13 +110,6 @@ def test_a_json_that_is_not_of_the_page_is_refused_by_name(
     assert [path.name for path in tmp_path.iterdir()] == ['array.json']
 
 
-def test_a_page_whose_json_is_missing_is_refused(tmp_path: Path) -> None:
-    found = run('array', '--from-json', '--out', str(tmp_path))
-    assert found.returncode == 1
-    assert 'array was not made: ' in found.stderr
-    assert 'Traceback' not in found.stderr
-
-
 def test_the_command_renders_what_is_stored(tmp_path: Path) -> None:
     (tmp_path / 'array.json').write_bytes((REPORT / 'array.json').read_bytes())
     found = run('array', '--from-json', '--out', str(tmp_path))
@@ -109,3 +118,154 @@ def test_the_command_renders_what_is_stored(tmp_path: Path) -> None:
         path.name for path in tmp_path.iterdir()
     }
     assert (tmp_path / 'array.md').read_bytes() == (REPORT / 'array.md').read_bytes()
+
+
+COMPILERS = [name for name in ('gcc', 'clang') if shutil.which(name)]
+# Of results that are rounded in another order, on arms that lose few digits.
+CLOSE = 1e-10
+PEERS: dict[str, Callable[[pfd.Robot], Peer]] = {
+    'Pinocchio': Pinocchio,
+    'MuJoCo': mujoco,
+    'composite_body': partial(ours, method='composite_body'),
+    'CasADi C': casadi_c,
+    'vectors': partial(vector_casadi, compiler=(COMPILERS or ['gcc'])[0]),
+    'Pinocchio C++': pinocchio_cpp,
+}
+
+
+def works(arm: pfd.Robot, states: int, quantity: str = FORWARD) -> list[Arguments]:
+    """Return a call and a batch."""
+    known = random_states(arm, states)
+    arrays = [known[name] for name in QUANTITIES[quantity]]
+    return [[x[0] for x in arrays], arrays]
+
+
+def made(make: Callable[[pfd.Robot], Peer], arm: pfd.Robot) -> Peer:
+    try:
+        return make(arm)
+    except LeftOutError as reason:
+        pytest.skip(str(reason))
+
+
+def checked(peer: Peer, known: Pinocchio, works: list[Arguments]) -> int:
+    """Compare the results of all ways with Pinocchio's, and return their number."""
+    ways = 0
+    for work in works:
+        for side in peer(work):
+            side.run()
+            assert differences(side.result(), known.results(work)).max() < CLOSE, side.way
+            ways += 1
+    return ways
+
+
+@pytest.mark.parametrize('axes', ['zyXy', 'zZ'])
+@pytest.mark.parametrize(
+    'name',
+    [pytest.param(x, marks=[pytest.mark.long] if x == 'Pinocchio C++' else []) for x in PEERS],
+)
+def test_peers_give_pinocchios_results_also_of_slides(name: str, axes: str) -> None:
+    arm = mechanism(axes)
+    # Not a multiple of the lanes.
+    assert checked(made(PEERS[name], arm), Pinocchio(arm), works(arm, 13)) >= 2
+
+
+@pytest.mark.parametrize('quantity', [name for name in QUANTITIES if name != FORWARD])
+def test_quantities_of_ours_and_of_casadi_are_pinocchios(quantity: str) -> None:
+    arm = mechanism('zyXy')
+    given = works(arm, 3, quantity)
+    known = Pinocchio(arm, quantity)
+    peers: list[Peer] = [known, ours(arm, quantity)]
+    peers += [casadi_c(arm, quantity)] if COMPILERS else []
+    assert all(checked(peer, known, given) >= 2 for peer in peers)
+
+
+def test_a_run_of_which_mujoco_warns_is_excluded() -> None:
+    arm, reasons = robot('ur5'), dict[str, str]()
+    # A single forward checks nothing.
+    q, qd, tau = works(arm, 3)[1]
+    assert not valid_sides({'MuJoCo': made(mujoco, arm)}, (1e12 * q, qd, tau), reasons)
+    assert 'BADQPOS' in reasons['MuJoCo, batch of 3']
+
+
+def test_without_a_compiler_peers_in_c_are_left_out_with_the_reason(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(native.shutil, 'which', lambda name: None)
+    for make in (casadi_c, vector_casadi):
+        with pytest.raises(LeftOutError, match='no compiler'):
+            make(robot('planar2'))
+
+
+class Clock:
+    """Seconds that pass only when a side works."""
+
+    def __init__(self, slow: list[float]) -> None:
+        self.now, self.slow = 0.0, iter(slow)
+
+    def __call__(self) -> float:
+        return self.now
+
+    def side(self, seconds: float) -> Side:
+        def run() -> None:
+            self.now += seconds * next(self.slow, 1.0)
+
+        return Side('', run, lambda: np.ones(2))
+
+
+def test_times_are_per_unit_and_a_machine_that_slows_down_does_not_change_their_ratio() -> None:
+    clock = Clock([1.0] * 4 + [8.0] * 4)
+    sides = [clock.side(8.0), clock.side(2.0)]
+    peer, own = timing.take_turns(sides, 2, Pace(chunk=1e-9, turns=3, budget=1e9), clock)
+    assert (peer.minimum, peer.median, peer.times) == (4.0, 32.0, 1.0)
+    assert (own.minimum, own.median, own.times) == (1.0, 8.0, 4.0)
+
+
+def test_a_long_work_has_fewer_turns_but_never_less_than_the_fewest() -> None:
+    for seconds, turns in ((1.0, 10), (3.0, 4), (50.0, 2)):
+        clock = Clock([])
+        pace = Pace(chunk=1e-9, turns=10, fewest=2, budget=12.0)
+        timing.take_turns([clock.side(seconds)], 1, pace, clock)
+        # Once to see how long it takes.
+        assert clock.now == (turns + 1) * seconds
+
+
+def row(way: str, ns: float, work: str = speed.MANY, contents: str = 'C++ for any robot') -> Any:
+    head = {'robot': 'ur5', 'work': work, 'way': way, 'quantity': FORWARD}
+    times = {'minimum': ns * 1e-9, 'median': ns * 1e-9, 'times': 1 / ns}
+    return head | times | {'contents': contents}
+
+
+def page_data() -> dict[str, Any]:
+    rows = []
+    for work, own in ((speed.MANY, 20.0), (speed.FEW, 45.0)):
+        rows.append(row('Pinocchio C++ aba', 2000.0, work))
+        rows.append(row('CasADi C on vectors, gcc, F order', 30.0, work, 'C for this robot'))
+        rows.append(row('composite_body float64, F order', own, work, CODE))
+    for way, ns in (('kernel(q, qd, tau)', 900.0), ('bound', 100.0)):
+        rows.append(row(f'composite_body float64: {way}', ns, 'call', CODE))
+    rows.append(row('pinocchio.aba', 2000.0, 'call'))
+    data = {'machine': timing.surroundings(), 'rows': rows, 'first': []}
+    excluded = ['frax, forward_dynamics of ur5: absent']
+    found: dict[str, Any] = json.loads(json_text(data | {'excluded': excluded}))
+    return found
+
+
+def test_gains_and_losses_are_against_the_fastest_peer() -> None:
+    many, few, call = speed.results_rows(page_data())
+    assert (many['ours'], many['theirs'], many['speed-up']) == ('20 ns', '30 ns', '1.5')
+    assert (few['ours'], few['theirs'], few['speed-up']) == ('45 ns', '30 ns', '0.667')
+    assert (call['ours'], call['peer']) == ('100 ns / 900 ns', 'pinocchio.aba')
+    assert (call['theirs'], call['speed-up']) == ('2000 ns', '20 / 2.22')
+
+
+def test_the_page_has_a_cell_for_every_row_and_names_what_is_excluded() -> None:
+    data = page_data()
+    text = speed.text(data)
+    assert all(one['way'] in text for one in data['rows'])
+    assert '- frax, forward_dynamics of ur5: absent' in text
+
+
+def test_the_results_of_the_readme_are_what_the_stored_data_gives() -> None:
+    text = readme.README.read_text(encoding='utf-8')
+    assert readme.MARKED.search(text)
+    assert readme.filled() == text, 'run python -m benchmarks.readme'

@@ -11,9 +11,7 @@ from pathlib import Path
 import re
 from typing import Any
 
-from bridge import (
-    resolve_plant,
-)
+from bridge import resolve_plant
 import numpy as np
 from oracle import Oracle, relative
 import pinocchio as pin
@@ -52,19 +50,13 @@ def ran(guide: str) -> tuple[dict[str, Any], list[tuple[str, str]]]:
 
 
 @pytest.mark.parametrize(
-    'guide',
-    [pytest.param(x, marks=[pytest.mark.slow] * (x == 'linear-feedback')) for x in GUIDES],
+    'guide', [pytest.param(x, marks=[pytest.mark.slow] * (x == 'linear-feedback')) for x in GUIDES]
 )
 def test_the_code_of_a_guide_prints_the_output_shown(guide: str) -> None:
     _, printed = ran(guide)
     assert len(printed) > 3
     for promised, output in printed:
         assert output == promised
-
-
-def test_the_gains_take_thirty_lines_of_code() -> None:
-    code = BLOCK.findall(text('linear-feedback'))[0][0].splitlines()
-    assert len([line for line in code if line.strip() and not line.startswith('#')]) <= 30
 
 
 @pytest.mark.slow
@@ -109,60 +101,13 @@ def test_arms_of_the_guide_settle_also_at_the_limits_of_their_motors() -> None:
         assert np.abs(runs.qd[:, -1]).max() < 1e-10
 
 
-@pytest.mark.parametrize('size', [1e-6, 1e-5, 1e-4, 1e-3])
+@pytest.mark.parametrize('size', [1e-6, 1e-3])
 @pytest.mark.slow
 def test_the_cost_that_a_simulation_accumulates_is_that_of_the_linear_model(size: float) -> None:
     names, _ = ran('linear-feedback')
     x = np.random.default_rng(7).uniform(-size, size, (64, 12))
     measured, _ = names['cost'](x, names['steps'])
     np.testing.assert_allclose(measured, ((x @ names['P']) * x).sum(1), rtol=CUBIC * size)
-
-
-@pytest.mark.parametrize('matrix', ['A', 'B'])
-@pytest.mark.slow
-def test_the_cost_would_show_a_model_that_is_wrong_by_one_percent(matrix: str) -> None:
-    names, _ = ran('linear-feedback')
-    wrong = {key: names[key].copy() for key in 'AB'}
-    wrong[matrix][6:] += 0.01 * (wrong[matrix] - np.eye(*wrong[matrix].shape))[6:]
-    P = names['Q']
-    for _ in range(2000):
-        K, P = names['riccati'](**wrong, P=P)
-    own = {**names, 'K': K, 'P': P}
-    with redirect_stdout(StringIO()) as output:
-        exec(BLOCK.findall(text('linear-feedback'))[1][0], own)
-    # The table's smallest start, where the model of the guide is off by less than 1e-6.
-    assert float(output.getvalue().splitlines()[1].split()[-1]) > 1e-5
-
-
-@pytest.mark.slow
-def test_the_cost_along_a_motion_is_that_of_its_linear_models() -> None:
-    names, _ = ran('linear-feedback')
-    size = 1e-5
-    x0 = size / 0.1 * names['x0']
-    q, qd, gains, arms = (names[key] for key in ('q', 'qd', 'gains', 'arms'))
-    arms.reset(q[0] + x0[:, :6], qd[0] + x0[:, 6:])
-    runs = arms.rollout(names['pushes'], feedback=pfd.StateFeedback(gains, q, qd))
-    motion = names['motion']
-    x = np.concatenate([runs.q - motion.q, runs.qd - motion.qd], axis=2)
-    x = np.concatenate([x0[:, np.newaxis], x], axis=1)
-    u = np.einsum('kij,bkj->bki', gains, x[:, :-1])
-    measured = ((x @ names['Q']) * x).sum((1, 2)) + ((u @ names['R']) * u).sum((1, 2))
-    predicted = ((x0 @ names['to_go']) * x0).sum(1)
-    np.testing.assert_allclose(measured, predicted, rtol=CUBIC * size)
-
-
-@pytest.mark.slow
-def test_arms_of_the_guide_rest_where_friction_holds_gravity_and_the_gains() -> None:
-    names, _ = ran('linear-feedback')
-    robot, goal, K = names['robot'], names['goal'], names['K']
-    _, runs = names['cost'](names['x0'], names['steps'], friction='model')
-    # Some creep towards their balance from one side.
-    assert np.abs(runs.qd[:, -1]).max() < 1e-11
-    oracle = Oracle(robot)
-    for q in runs.q[:, -1]:
-        gravity = pin.computeGeneralizedGravity(oracle.model, oracle.data, q)
-        torque = names['hold'] - K[:, :6] @ (q - goal)
-        assert (np.abs(torque - gravity) <= robot.friction + 1e-9).all()
 
 
 def loaded(names: dict[str, Any]) -> tuple[Oracle, Oracle]:
@@ -184,49 +129,6 @@ def test_quantities_of_the_guide_are_pinocchios() -> None:
     felt = np.linalg.inv(J @ np.linalg.inv(oracle.H(q)) @ J.T)
     # An inverse multiplies roundings by the condition.
     assert relative(names['felt'], felt) < DYNAMICS * np.linalg.cond(felt)
-
-
-def test_an_arm_with_an_unknown_load_sags_by_the_torque_of_the_load() -> None:
-    names, _ = ran('model-quantities')
-    heavy, light = loaded(names)
-    arm, goal, kp, kd = (names[key] for key in ('arm', 'goal', 'kp', 'kd'))
-    arm.reset(goal)
-    for _ in range(6000):
-        arm.step(names['unloaded'](arm.q) + kp * (goal - arm.q) - kd * arm.qd)
-    missing = [
-        pin.computeGeneralizedGravity(oracle.model, oracle.data, arm.q)
-        for oracle in (heavy, light)
-    ]
-    np.testing.assert_allclose(kp * (goal - arm.q), missing[0] - missing[1], atol=1e-8)
-    assert np.abs(arm.q - goal).max() > 0.01
-
-
-# Of a result the guide has a description and then its shape.
-QUANTITY = re.compile(r'\| `(\w+)` \| (.+) \| .+, (\([^()]*\)) \| (.+) \|')
-
-
-def quantity_row(name: str) -> tuple[str, ...]:
-    """Return name, arguments, shape and effects of a quantity as the guide has them."""
-    row, everything = pfd.QUANTITIES[name], pfd.QUANTITIES['forward_dynamics'].effects
-    absent = [effect for effect in everything if effect not in row.effects]
-    if len(absent) < len(row.effects):
-        effects = ', '.join(['all', *(f'but {effect}' for effect in absent)])
-    else:
-        effects = ', '.join(row.effects) or 'none'
-    arguments = ', '.join((*row.arguments, *('wrench=',) * row.wrench))
-    shape = str(row.shape).replace("'", '')
-    return name, arguments, shape, effects
-
-
-def test_the_table_of_quantities_has_their_rows() -> None:
-    (table,) = re.findall(
-        r'^\| quantity .*\n\|[-|]+\|\n((?:\|.*\n)+)', text('model-quantities'), re.M
-    )
-    rows = [QUANTITY.fullmatch(line) for line in table.splitlines()]
-    known = [quantity_row(name) for name in pfd.QUANTITIES]
-    assert [row and row.groups() for row in rows] == known
-    of_frame = [name for name, row in pfd.QUANTITIES.items() if row.of_frame]
-    assert of_frame == [*pfd.QUANTITIES][-4:]  # as the guide says below the table
 
 
 def test_the_readmes_quantities_are_those_of_one_equation_of_motion() -> None:

@@ -110,14 +110,6 @@ def test_package_xml_and_setup_py_agree() -> None:
     assert manifest.findtext('name') == 'pfd_ros'
 
 
-def test_the_readme_has_one_command_to_run_and_one_to_test() -> None:
-    text = (ROOT / 'README.md').read_text()
-    for mark in ('demo', 'test'):
-        block = text.split(f'<!-- {mark} -->\n```sh\n')[1].split('\n```')[0]
-        assert block.startswith('python3 -m venv .venv && .venv/bin/pip install')
-        assert '\n' not in block
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(COLCON is None, reason='colcon is not installed')
 def test_colcon_builds_a_node_that_runs(copy: Path) -> None:

@@ -277,10 +277,7 @@ def first_event(
 
 
 def bisected(
-    function: Callable[[Array], float],
-    output: Callable[[float], Array],
-    left: float,
-    right: float,
+    function: Callable[[Array], float], output: Callable[[float], Array], left: float, right: float
 ) -> float:
     """Return a time at which a function falls below zero; it is below zero at `right`."""
     for _ in range(HALVINGS):

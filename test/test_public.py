@@ -135,11 +135,7 @@ MOTION = pfd.MotorSimulator(ROBOT).new_state()
 # Valid arguments of each public method with parameters.
 METHODS: dict[str, dict[str, dict[str, Any]]] = {
     'AdaptiveTrajectory': {'at': {'times': [0.0]}},
-    'Ensemble': {
-        'linearize': ZEROS,
-        'reset': {},
-        'rollout': {'steps': 2},
-    },
+    'Ensemble': {'linearize': ZEROS, 'reset': {}, 'rollout': {'steps': 2}},
     'Kernel': {'__call__': ZEROS, 'bind': ZEROS | {'out': OUT}, 'error_estimate': ZEROS},
     'MotorSimulator': {
         'accelerations': {'state': MOTION},
@@ -660,6 +656,11 @@ def test_laws_runs_and_trajectories_of_many_arms_survive_a_copy(way: str) -> Non
     again = COPIES[way](motion)
     np.testing.assert_array_equal(again.at([0.3]).q, motion.at([0.3]).q)
     assert (again.status, again.evaluations) == (motion.status, motion.evaluations)
+    pair = pfd.Simulator(robot).linearize([0.1, 0.2], [0, 0], [1, 1])
+    for one, two in zip(
+        (*pair, pair.status), (*COPIES[way](pair), COPIES[way](pair).status), strict=True
+    ):
+        np.testing.assert_array_equal(one, two)
     damping = np.random.default_rng(1).uniform(0.5, 2.0, (3, 2))
     differing = pfd.Ensemble(robot, 3, parameters={'damping': damping})
     twins = COPIES[way](differing).rollout(steps=5)

@@ -339,10 +339,7 @@ def test_a_wheel_turns_as_the_closed_form_says(lag: float, h: float, most: float
     # I dqd/dt = u (1 - exp(-t/T)) from rest; 1 rad/s^2 in the end. T = 0.2 ms is stable though
     # three times shorter than a step: as a separate equation it would need h < 2.78 T.
     sim = pfd.Simulator(
-        pfd.load_robot(WHEEL),
-        pfd.Scene(gravity=None, motor_lag=[lag]),
-        step_size=h,
-        substeps=1,
+        pfd.load_robot(WHEEL), pfd.Scene(gravity=None, motor_lag=[lag]), step_size=h, substeps=1
     )
     run = sim.rollout(np.full((60, 1), INERTIA))
     t = run.time

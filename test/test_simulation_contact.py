@@ -201,10 +201,7 @@ def test_the_impact_of_one_joint_throws_another_off_the_stop_on_which_it_came_to
     step: float,
 ) -> None:
     scene = pfd.Scene(
-        gravity=None,
-        friction=[0.1, 0.1],
-        restitution=0.5,
-        joint_limits=[[-9.0, 0.0], [1.0, 9.0]],
+        gravity=None, friction=[0.1, 0.1], restitution=0.5, joint_limits=[[-9.0, 0.0], [1.0, 9.0]]
     )
     taus = np.tile([5.0, 0.0], (round(2e-3 / step), 1))
     # Joint 1 falls onto its stop from 1e-12 rad, and stays there.
@@ -369,6 +366,8 @@ def test_events_keep_the_accuracy_of_the_integrator(name: str) -> None:
 INSTANT = 1e-15
 # Torques of 1e3 N m of a chain of condition 1e4, after one step.
 BALANCE = 1e-8
+# An impact never adds energy but by rounding.
+ENERGY = 1e-12
 
 
 def instant(robot: pfd.Robot, scene: pfd.Scene, q: Array, qd: Array, tau: Array) -> pfd.Ensemble:
@@ -413,6 +412,37 @@ def test_accelerations_from_rest_balance_the_torques_within_what_friction_and_st
     assert smooth or (qdd[:20] == 0.0).all()
     held = qdd == 0.0
     assert (held.any(axis=1) & ~held.all(axis=1)).sum() > 10 or n == 1
+
+
+@pytest.mark.parametrize('seed', range(8))
+@pytest.mark.slow
+def test_an_impact_never_adds_energy_and_no_joint_moves_on_into_its_stop(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    n = 2 + seed % 6
+    robot = random_chain(rng, n, 0.2)
+    scene = pfd.Scene(
+        gravity=None, joint_limits=[[-1.0, 1.0]] * n, restitution=rng.uniform(0, 1, n)
+    )
+    q = rng.choice([-1.0, 1.0, 0.2], (256, n), p=[0.4, 0.4, 0.2])
+    before = rng.normal(size=(256, n))
+    after = instant(robot, scene, q, before, 0 * q).qd
+    oracle = Oracle(robot)
+    into = ((q == -1.0) & (before < 0)) | ((q == 1.0) & (before > 0))
+    still = ((q == -1.0) & (after < 0)) | ((q == 1.0) & (after > 0))
+    assert into.any(axis=1).sum() > 128
+    assert not still.any()
+    for x, v, w in zip(q, before, after, strict=True):
+        H = oracle.H(x)
+        assert w @ H @ w <= v @ H @ v * (1 + ENERGY)
+
+
+def test_a_restitution_gives_back_no_more_energy_than_the_compression_took() -> None:
+    # H = ((5, 2), (2, 1)) when stretched: the compression of qd = (-1, 0) takes the energy 5 by
+    # the impulses (5, 2). The first one alone would give 25, of which sqrt(5/25) is left; joint 2
+    # is thrown into its stop, which takes what it has.
+    scene = pfd.Scene(gravity=None, joint_limits=[[0.0, 9.0]] * 2, restitution=[1.0, 0.0])
+    arms = instant(two_links(), scene, np.zeros((1, 2)), np.array([[-1.0, 0.0]]), np.zeros((1, 2)))
+    np.testing.assert_allclose(arms.qd[0], [sqrt(1 / 5), 0.0], rtol=ENERGY, atol=0)
 
 
 def test_a_braked_joint_takes_no_part_in_an_impact() -> None:

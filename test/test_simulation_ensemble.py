@@ -146,10 +146,7 @@ def test_one_arm_alone_moves_by_the_bits_of_an_arm_among_others(scene: pfd.Scene
     given |= {'brakes': [True, False]} if scene.brakes else {}
     q = np.clip(q, -0.9, 0.9)
     alone, many = pfd.Ensemble(robot, 1, scene), pfd.Ensemble(robot, 3, scene)
-    for law in (
-        None,
-        pfd.StateFeedback(rng.uniform(-1, 1, (2, 4)), 0.2, 0.1),
-    ):
+    for law in (None, pfd.StateFeedback(rng.uniform(-1, 1, (2, 4)), 0.2, 0.1)):
         alone.reset(q[1:2], qd[1:2])
         many.reset(q, qd)
         one = alone.rollout(taus[1:2], feedback=law, **given)

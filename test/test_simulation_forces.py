@@ -8,12 +8,7 @@ from functools import partial
 import math
 from typing import Any
 
-from bridge import (
-    STIFF_DECAY,
-    TABLEAUX,
-    fastest_decay,
-    resolve_plant,
-)
+from bridge import STIFF_DECAY, TABLEAUX, fastest_decay, resolve_plant
 import numpy as np
 from oracle import Oracle
 import pinocchio as pin
@@ -265,9 +260,7 @@ def test_friction_takes_its_share_of_a_torque_that_drives_and_adds_it_to_one_tha
 ) -> None:
     u = 1.0 / INERTIA
     sim = simulator(
-        pfd.load_robot(WHEEL),
-        pfd.Scene(gravity=None, load_friction=[MU]),
-        integrator=integrator,
+        pfd.load_robot(WHEEL), pfd.Scene(gravity=None, load_friction=[MU]), integrator=integrator
     )
     sim.reset([0.0], [1.0])
     run = sim.rollout(np.repeat([[1.0], [-1.0]], 100, axis=0))

@@ -451,7 +451,6 @@ OBJECTS = (
     'Recorder',
     'resolve_plant',
     'Ros2Control',
-    'RoundingErrors',
     'Settings',
     'SystolicArray',
     'Target',

@@ -69,6 +69,8 @@ def _log(given: argparse.Namespace, unread: list[str]) -> int:
     path = _new(given.out or Path(f'{name}.html'))
     robot = None if given.robot is None else pfd.load_robot(given.robot)
     log = read_log(given.log, types=TYPES, unreadable='count', start=given.start, end=given.end)
+    if (given.start, given.end) != (None, None) and not any(map(len, log.received_ns.values())):
+        raise ValueError(f'{given.log} has no message between --start and --end; see pfd info')
     found = page(log, robot=robot)
     found.write(path)
     print_lines([found.said, *(f'note: {note}' for note in found.notes), path])

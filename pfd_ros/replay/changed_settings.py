@@ -33,6 +33,7 @@ from pfd_ros.text import cut, did_you_mean, listed
 
 # Settings that only a robot read from a file or a name has.
 MODEL = ('base_link', 'tip_link', 'locked', 'locked_positions', 'ros2_control')
+_PER_JOINT = tuple(row.field for row in PER_JOINT)
 # Settings whose values need no quotes.
 TEXTS = {row.name for row in FIELDS if row.type in ('str', 'tuple[str, ...]')}
 # Settings of a new run that follow from its purpose.
@@ -126,6 +127,8 @@ def changed_arm(log: Log, changes: Changes) -> ChangedArm:
             raise ValueError(
                 f'{unbound[0]} needs robot=: a recording holds its robot as one chain of joints'
             )
+    if 'joints' in values:
+        settings = _reordered(settings, robot, values['joints'])
     settings = _with_scene(settings, changes)
     settings = replace(settings, **{k: v for k, v in values.items() if k not in MODEL})
     if values.get('scene'):
@@ -148,8 +151,7 @@ def _other_robot(log: Log, values: Mapping[str, Any]) -> ChangedArm:
     """Return settings with the numbers of each joint by name, another robot, and its URDF."""
     settings, default = log.settings, Settings()
     names = published_names(settings, log)
-    per_joint = [row.field for row in PER_JOINT]
-    anew = [*MODEL, *per_joint, 'joints', 'initial_positions']
+    anew = [*MODEL, *_PER_JOINT, 'joints', 'initial_positions']
     fresh = {name: getattr(default, name) for name in anew}
     given = {name: values[name] for name in ('robot', *MODEL) if name in values}
     bare = replace(settings, **(fresh | given))
@@ -168,7 +170,7 @@ def _other_robot(log: Log, values: Mapping[str, Any]) -> ChangedArm:
     same = sorted(names) == sorted(moving)
     order = names if same and settings.joints else moving
     carried: dict[str, Any] = {'joints': names if same and settings.joints else ()}
-    for name in per_joint:
+    for name in _PER_JOINT:
         old = dict(zip(names, getattr(settings, name), strict=False))
         carried[name] = tuple(old.get(joint, 0.0) for joint in order) if old else ()
     start = dict(zip(names, settings.initial_positions or (0.0,) * len(names), strict=True))
@@ -176,6 +178,19 @@ def _other_robot(log: Log, values: Mapping[str, Any]) -> ChangedArm:
     at = tuple(start.get(joint, its.get(joint, 0.0)) for joint in order)
     carried['initial_positions'] = at if any(at) or settings.initial_positions else ()
     return ChangedArm(replace(found.settings, **carried), new, _text(lambda: found.text))
+
+
+def _reordered(settings: Settings, robot: pfd.Robot, joints: Sequence[str]) -> Settings:
+    """Return settings whose numbers of each joint follow their joints into another order."""
+    old, new = settings.joints or robot.joint_names, joints or robot.joint_names
+    if sorted(old) != sorted(new):
+        return settings  # refused by the arm
+    order = [tuple(old).index(name) for name in new]
+    moved: dict[str, Any] = {}
+    for name in (*_PER_JOINT, 'initial_positions'):
+        row = getattr(settings, name)
+        moved[name] = tuple(row[k] for k in order) if row else row
+    return replace(settings, **moved)
 
 
 def _text(urdf: Callable[[], str]) -> str:

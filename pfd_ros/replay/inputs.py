@@ -31,6 +31,7 @@ from pfd_ros.arm.events import (
     COMMANDS,
     INPUTS,
     NAMED,
+    PARAMETERS,
     REJECTED,
     REQUESTS,
     SET_STATE,
@@ -38,8 +39,8 @@ from pfd_ros.arm.events import (
     WRENCH,
     Message,
 )
-from pfd_ros.arm.other_inputs import encode_request
-from pfd_ros.arm.settings import Settings, joint_order
+from pfd_ros.arm.other_inputs import encode_changes, encode_request
+from pfd_ros.arm.settings import PER_JOINT, Settings, joint_order
 from pfd_ros.messages.cdr import NANOSECONDS, STAMP, TIME
 from pfd_ros.messages.joints import decode_joints, encode_joints
 from pfd_ros.messages.text_and_arrays import decode_floats, decode_string, encode_floats
@@ -206,6 +207,8 @@ class _Moves:
             return
         if role == ARRAY and self._names != self._engine.names:
             role, data = self._renamed(data)
+        if role == PARAMETERS and not broke and self._names != self._engine.names:
+            data = self._reordered(data)
         if role in (NAMED, WRENCH) and self._restamped:
             data = data[:STAMP] + bytes(TIME.size) + data[STAMP + TIME.size :]
         if role == REQUESTS and not broke and self._old_ns != self._new_ns:
@@ -224,6 +227,15 @@ class _Moves:
         if sorted(names) != sorted(self._names):
             return NAMED, encode_joints(self._names, effort=efforts)
         return ARRAY, encode_floats([efforts[self._names.index(name)] for name in names])
+
+    def _reordered(self, data: bytes) -> bytes:
+        """Return new values of settings with the numbers of each joint by name."""
+        values = json.loads(decode_string(data))
+        for row in PER_JOINT:
+            if values.get(row.field):
+                old = dict(zip(self._names, values[row.field], strict=True))
+                values[row.field] = [old.get(name, 0.0) for name in self._engine.names]
+        return encode_changes(values)
 
     def _rescaled(self, data: bytes, cycle: int) -> bytes:
         """Return a request, of steps for as much time; b'' if that is less than a step."""

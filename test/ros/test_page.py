@@ -613,6 +613,16 @@ def test_a_log_that_was_cut_off_is_shown_up_to_the_cut(
     assert 'cut off' in capsys.readouterr().out
 
 
+def test_a_window_without_messages_is_an_error_and_no_page(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out = write_bag(tmp_path / 'a.mcap', states(['a'], TIMES)), tmp_path / 'page.html'
+    words = ['report', 'log', str(path), '--out', str(out), '--start', '1e6']
+    assert pfd_main(words) == 1
+    assert 'no message between --start and --end' in capsys.readouterr().err
+    assert not out.exists()
+
+
 def test_a_page_is_never_written_over_a_file(tmp_path: Path) -> None:
     page, out = shown(write_bag(tmp_path / 'a.mcap', states(['a'], TIMES))), tmp_path / 'page.html'
     out.write_text('mine')

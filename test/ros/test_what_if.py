@@ -361,6 +361,21 @@ def test_start_and_numbers_of_each_joint_follow_their_joints(tmp_path: Path) -> 
     assert found.joint_friction == (0.3, 0.4, 0.5)
 
 
+def test_start_and_numbers_of_each_joint_follow_their_joints_into_another_order(
+    tmp_path: Path,
+) -> None:
+    settings = {'joint_friction': (0.3, 0.4), 'joints': ('elbow', 'shoulder')}
+    settings['initial_positions'] = (0.1, 0.2)
+    # Numbers that were set while it ran follow, too.
+    events = {3: [efforts(1.0, 2.0)], 20: [change(bias_position=[0.0, 0.5])]}
+    simulate(tmp_path / 'a.mcap', 50, events, **settings)
+    for words in (['joints=[shoulder, elbow]'], ['joints=[]'], ['robot=planar2', 'joints=[]']):
+        found = what_if(tmp_path / 'a.mcap', words)
+        assert found.settings.initial_positions == (0.2, 0.1)
+        assert found.settings.joint_friction == (0.4, 0.3)
+        assert set(numbers(found, 'position')) == {0.0}
+
+
 @pytest.mark.parametrize(
     ('words', 'friction', 'static'),
     [

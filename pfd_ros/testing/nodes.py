@@ -63,8 +63,6 @@ COMMANDS = (NAMED, ARRAY)
 # would be twice as fast, but then the clock that a state's callback reads is before its tick or
 # after it by chance.
 AFTER_STATE, AFTER_TICK = 2, 3
-# A node by itself that answered so many states with one command each is done with its command.
-KNOWN = 20
 # The graph has to stay the same for so long before the first state, s; a first request without
 # reply is repeated after AGAIN; a wait is at most LOOK long, and the graph is read as often.
 QUIET_SECONDS, AGAIN_SECONDS, LOOK_SECONDS = 0.2, 0.5, 0.05
@@ -308,7 +306,6 @@ class NodeLink:
         self._came: list[tuple[str, bytes, int]] = []
         self._after: set[str] = set()  # roles of the messages that commands followed
         self._time, self._commanded, self._looked = 0.0, math.nan, 0.0
-        self._single = 0.0  # states that had one command each
         self._answers, self._watch = 0, Watch(math.inf)
         self.seconds, self.notes, self._noted = math.nan, list[str](), set[str]()
 
@@ -475,13 +472,6 @@ class NodeLink:
                 self._note(LATE)
         if self._peers:
             self._note_unexplained(came, sent)
-        if self._answers_states:
-            if len(came) == 1 and came[0][2] >= sent.get(STATES, 0) and not self._timers:
-                self._single += 1
-            else:
-                if self._single >= KNOWN:
-                    self._note('a node answers some states more than once')
-                self._single = -math.inf
         if came:
             when = came[0][2]
             begun = sent.get(CLOCK, when)
@@ -524,7 +514,6 @@ class NodeLink:
                     f'{said}, and the nodes have finished their callbacks{self._outputs()}'
                 )
         if late and self._peers:
-            self._single = -math.inf
             self._note(LATE)
 
     def _wait_for_command(self) -> None:
@@ -536,10 +525,6 @@ class NodeLink:
 
     def _settle(self, role: str, stamp_ns: int) -> None:
         """Return when every node has done all that follows from the last message."""
-        if self._answers_states and self._single >= KNOWN:
-            self._wait_for_command()
-            if self._came:
-                return
         if self._nodes:
             self._drain()
         if self._answers_states and self._peers:

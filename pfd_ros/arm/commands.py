@@ -20,7 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.events import LOCKED_JOINTS, OVERWRITTEN, Change, RefusedError, Verdict
+from pfd_ros.arm.events import (
+    ALL_NAN,
+    LOCKED_JOINTS,
+    OVERWRITTEN,
+    Change,
+    RefusedError,
+    Verdict,
+)
 from pfd_ros.arm.state import BRAKE, EFFORT, POSITION, VELOCITY
 from pfd_ros.messages.joints import JOINT_FIELDS, Joints, decode_joints
 from pfd_ros.messages.text_and_arrays import decode_floats
@@ -128,7 +135,7 @@ def _numbers(arm: Arm, joints: Joints, known: list[int], index: list[int]) -> tu
                 'no_effort', f'no effort for {listed(idle)}, and no servo gain for their targets'
             )
     if not given.any():
-        raise RefusedError('all_nan', 'every number is NaN')
+        raise RefusedError(*ALL_NAN[:2])
     return (
         places[given],
         effort[given] if len(joints.effort) else None,

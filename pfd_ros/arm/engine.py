@@ -21,9 +21,30 @@ from collections.abc import Callable, Collection, Sequence
 from copy import deepcopy
 
 import pfd_core as pfd
-from pfd_ros.arm import commands, events, other_inputs, refusals, wrench
+from pfd_ros.arm import commands, other_inputs, refusals, wrench
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.events import ACCEPTED, ALL, COMMANDS, Change, Message, RefusedError, Verdict
+from pfd_ros.arm.events import (
+    ACCEPTED,
+    ALL,
+    ANSWERS,
+    ARRAY,
+    CLOCK_TICKS,
+    COMMANDS,
+    INACTIVE,
+    INPUTS,
+    MOVING,
+    NAMED,
+    PARAMETERS,
+    PAYLOAD,
+    REQUESTS,
+    SET_STATE,
+    WRENCH,
+    Change,
+    Message,
+    RefusedError,
+    Verdict,
+    malformed,
+)
 from pfd_ros.arm.frames import LinkFrames
 from pfd_ros.arm.outputs import Outputs
 from pfd_ros.arm.settings import Settings
@@ -32,14 +53,14 @@ from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.text import cut
 
 RULES: dict[str, Callable[[Arm, bytes], Change]] = {
-    events.NAMED: commands.named,
-    events.ARRAY: commands.array,
-    events.SET_STATE: other_inputs.set_state,
-    events.REQUESTS: other_inputs.request,
-    events.PARAMETERS: other_inputs.parameters,
-    events.WRENCH: wrench.rule,
-    events.PAYLOAD: other_inputs.payload,
-    events.CLOCK_TICKS: other_inputs.tick,
+    NAMED: commands.named,
+    ARRAY: commands.array,
+    SET_STATE: other_inputs.set_state,
+    REQUESTS: other_inputs.request,
+    PARAMETERS: other_inputs.parameters,
+    WRENCH: wrench.rule,
+    PAYLOAD: other_inputs.payload,
+    CLOCK_TICKS: other_inputs.tick,
 }
 # No message that means something is longer.
 LARGEST = 1 << 16
@@ -79,7 +100,7 @@ class Engine(Arm):
         super().__init__(settings, robot)
         self.roles, self.frames = frozenset(roles), frames
         self.outputs = Outputs(self, self.roles, frames)
-        self._inputs = self.roles.intersection(events.INPUTS)
+        self._inputs = self.roles.intersection(INPUTS)
         self._every, self._follows = settings.publish_every, settings.follows_clock
         self._second = max(1, round(1.0 / settings.step_size))
 
@@ -160,12 +181,12 @@ class Engine(Arm):
         except MemoryError:
             raise
         except Exception as error:  # a rule has changed nothing
-            verdict = error.verdict if isinstance(error, RefusedError) else events.malformed(error)
+            verdict = error.verdict if isinstance(error, RefusedError) else malformed(error)
         else:
             remarks = change(self, *arguments)
             if remarks:
                 verdict = self._remarked(role, remarks)
-        if self.lockstep and role in COMMANDS and verdict.label in events.ANSWERS:
+        if self.lockstep and role in COMMANDS and verdict.label in ANSWERS:
             state.commanded |= verdict.accepted
             state.waits = False
         if role not in self._inputs and verdict.accepted:
@@ -184,8 +205,8 @@ class Engine(Arm):
         """Return what the rule of an event returns, or raise what it raises."""
         if len(data) > LARGEST:
             raise RefusedError('malformed', f'{len(data)} bytes, expected {LARGEST} at most')
-        if not self.state.active and role in events.MOVING:
-            raise RefusedError(*events.INACTIVE[:2])
+        if not self.state.active and role in MOVING:
+            raise RefusedError(*INACTIVE[:2])
         return RULES[role](self, data)
 
     def _remarked(self, role: str, remarks: tuple[Verdict, ...]) -> Verdict:
@@ -219,7 +240,7 @@ class Engine(Arm):
             state.told, self.tells = self.plant.payload, False
             outputs.add_payload(messages)
         if state.cycle % self._every == 0:
-            published = self.sensors is None or not self.sensors.drops(state)
+            published = self.published
             if outputs.shows:
                 outputs.add_state(messages, published=published)
             if published and self.lockstep:

@@ -33,9 +33,10 @@ class Message(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """The result of the rules for an input; true if it was accepted."""
+    """The result of the rules for an input."""
 
-    # 'accepted', or the rule that it broke, one of LABELS; and for people, on one line, why.
+    # 'accepted', or the rule that it broke, one of LABELS or that of node.inbox; of a remark, its
+    # kind. And for people, on one line, why.
     label: str
     detail: str = ''
     # What an accepted input has besides, such as unknown names beside known ones.
@@ -44,9 +45,6 @@ class Verdict(NamedTuple):
     @property
     def accepted(self) -> bool:
         """Whether the input takes effect."""
-        return self.label == 'accepted'
-
-    def __bool__(self) -> bool:
         return self.label == 'accepted'
 
 

@@ -124,7 +124,7 @@ def set_state(arm: Arm, data: bytes) -> Change:
     check_reach(joints.position, velocity)
     given = [k for k, q in enumerate(joints.position.tolist()) if q == q and names[k] in place]
     if not given:
-        raise RefusedError('all_nan', 'no position for any moving joint')
+        raise RefusedError('refused', 'no position for any moving joint')
     target = (state.rows[state.now, :2] if state.jump is None else state.jump).copy()
     velocity = np.where(velocity == velocity, velocity, 0.0)
     target[:, [place[names[k]] for k in given]] = joints.position[given], velocity[given]

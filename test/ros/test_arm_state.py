@@ -134,7 +134,7 @@ class Model:
         if not self.active:
             return 'refused'
         if np.isnan(q).all():
-            return 'all_nan'
+            return 'refused'
         position, velocity = self.jump or (self.simulator.q, self.simulator.qd)
         moved = ~np.isnan(q)
         self.jump = np.where(moved, q, position), np.where(moved, np.nan_to_num(qd), velocity)

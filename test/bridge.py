@@ -379,7 +379,6 @@ PATCHED = {
     'Simulator_compile': 'pfd_core.simulation.simulator:Simulator._compile',
     # pfd_ros.arm: settings, events, engine, and the rules for commands
     # pfd_ros.recording: the MCAP file of a run
-    'CLOSE_SECONDS': 'pfd_ros.recording.recorder:CLOSE_SECONDS',
     'QUEUE_BYTES': 'pfd_ros.recording.recorder:QUEUE_BYTES',
     'SYNC_SECONDS': 'pfd_ros.recording.recorder:SYNC_SECONDS',
     # pfd_ros.replay: verification, what-if, comparison, the player
@@ -404,6 +403,7 @@ PATCHED = {
     'SimArmNode_destroy_node': 'pfd_ros.node.lifecycle:SimArmNode.destroy_node',
     'Stepper_run': 'pfd_ros.node.stepping:Stepper.run',
     'THREADS_END_SECONDS': 'pfd_ros.node.threads:END_SECONDS',
+    'DEAD_SECONDS': 'pfd_ros.node.stepping:DEAD_SECONDS',
     # pfd_ros.view: the arm in 3D
     'MOST_VISUALS': 'pfd_ros.view.forms:MOST_VISUALS',
     'MESH_MOST_BYTES': 'pfd_ros.view.meshes:MOST_BYTES',

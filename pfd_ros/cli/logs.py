@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """`pfd replay`, `pfd info`, `pfd compare` and `pfd recover`.
 
-Exit statuses: 0 if it did what was asked, also for a log whose end was cut (a line says so); 1 if
-something could not be read, or differs; INCOMPLETE if --verify found everything equal in a log
-that is incomplete.
+Exit statuses: 0 if it did what was asked, also for a log whose end was cut and for a new run of
+--what-if whose simulation failed (a line says so); 1 if something could not be read, or differs;
+INCOMPLETE if --verify found everything equal in a log that is incomplete.
 """
 
 from __future__ import annotations

@@ -27,6 +27,7 @@ Around it:
 
 Threads: main (reporting), signals, the executor (started by process), stepping and changing
 (started with each arm), recording (recording.recorder), and the middleware's. Only the stepping
-thread steps the engine; others read its state, and prepare what it will need. A new input or
-output is a row of arm.events, and a new parameter a field of arm.settings.
+thread steps the engine; others read its state, and prepare what it will need. The last counts for
+a recording are taken from it once that thread has ended. A new input or output is a row of
+arm.events, and a new parameter a field of arm.settings.
 """

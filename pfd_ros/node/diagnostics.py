@@ -133,7 +133,7 @@ class ArmDiagnostics:
             ('simulated_time_s', now['simulated_seconds']),
             ('cycles', now['cycles']),
         ]
-        lengths = self._stepper.newest_lengths(new['cycles'])
+        lengths = self._stepper.newest_lengths(int(new['cycles']))
         if len(lengths):
             shares = np.percentile(lengths, (50, 99, 100)) / MICROSECONDS
             names = ('step_p50_us', 'step_p99_us', 'step_max_us')

@@ -11,6 +11,7 @@ See docs/decisions/0003-executor-and-stepping-thread.md and 0009-faults-and-exit
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 import gc
 import os
 import re
@@ -99,7 +100,9 @@ def _run(args: list[str], stop: threading.Event, companion: Companion | None) ->
     node = SimArmNode(threads, MISTAKES, args)
     node.start()
     if companion is not None:
-        companion.start(node.get_fully_qualified_name())
+        # A fault here ends the node, and closes its recording.
+        start = partial(companion.start, node.get_fully_qualified_name())
+        threads.guard('starting the companion', start, lambda: True)
     # `main.py` disables it.
     gc.enable()
     ended: Future = Future()

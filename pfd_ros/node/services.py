@@ -46,8 +46,9 @@ def create_services(node: Node, engine: Engine, inbox: Inbox) -> None:
         try:
             verdict = inbox.put(REQUESTS, encode_request(**request)).result(ANSWER_SECONDS)
         except LateError:
-            response.success = True
-            response.message = f'{request["name"]}: queued for the next step'
+            # It may still be done, or refused.
+            response.success = False
+            response.message = f'{request["name"]}: no answer within {ANSWER_SECONDS:g} s; queued'
             return response
         seconds = engine.stamp_ns / NANOSECONDS
         text = f'{verdict.label}: {verdict.detail or request["name"]}; simulated time {seconds} s'

@@ -57,6 +57,8 @@ if TYPE_CHECKING:
     from pfd_ros.arm.frames import LinkFrames
     from pfd_ros.recording.recorder import Recorder
 
+# `ros2 launch` and `docker stop` wait 10 s between the first signal and SIGKILL.
+CLOSE_SECONDS = 8.0
 # Longest wait for a transition; the arm takes inputs at least twenty times a second.
 TRANSITION_SECONDS = 5.0
 # Has a record for each module that is compiled.
@@ -181,12 +183,20 @@ class SimArm:
         return self._stepping is None or self._threads.join(self._stepping)
 
     def close_recording(self) -> None:
-        """Write the queue and the totals, and close the file."""
-        if self._recorder is not None:
-            from pfd_ros.recording.recorder import totals_of
+        """Write the queue and the end of the run, and close the file.
 
-            self._recorder.put(self.engine.counts(), self.engine.stamp_ns)
-            self._recorder.close(totals_of(self.engine))
+        After a fault in a cycle, or while one hangs, the state of the engine is not one that a
+        replay reaches: the end is left out.
+        """
+        if self._recorder is None:
+            return
+        if self._stepping is not None and not self.stepper.whole:
+            self._recorder.close(None, CLOSE_SECONDS)
+            return
+        from pfd_ros.recording.recorder import totals_of
+
+        self._recorder.put(self.engine.counts(), self.engine.stamp_ns)
+        self._recorder.close(totals_of(self.engine), CLOSE_SECONDS)
 
     def problems(self) -> list[str]:
         """Return why the run of this arm failed."""

@@ -33,8 +33,12 @@ CATCH_UP_NS = 50_000_000
 LONGEST_SLEEP = 0.05
 # In lockstep, time until a state without an answer is sent again: a reader may miss a clock tick.
 RESEND_SECONDS = 0.2
-# At unlimited speed the arm waits for the disk from this share of the recorder's queue on.
+# At unlimited speed the arm waits for the disk from this share of the recorder's queue on, and
+# looks so often, s.
 MOST_BACKLOG, DISK_SECONDS = 0.25, 0.001
+# Time after which it does not wait any longer for a disk that has written nothing, s: the queue
+# fills, which ends the recording, and the arm goes on.
+DEAD_SECONDS = 30.0
 # Number of steps whose duration is kept.
 LENGTHS = 1 << 13
 
@@ -44,7 +48,8 @@ class Stepper:
 
     An output without a publisher is only recorded; `count` is called with role and verdict of each
     input that the engine has taken. `late` steps came more than a period late, `missed` periods
-    were skipped, and `resent` states were sent again, because no command answered them.
+    were skipped, and `resent` states were sent again, because no command answered them. `whole` is
+    whether `run` has returned: otherwise the arm may be in the middle of a cycle.
     """
 
     def __init__(
@@ -61,7 +66,10 @@ class Stepper:
         self._inbox, self._publishers, self._count = inbox, publishers, count
         self._settings: Settings | None = None
         self._period = 0.0
+        self._unpaced = self.whole = False
         self._due = 0.0
+        # When the disk was last known to keep up, s.
+        self._kept_up = 0.0
         # Written by this thread, read by another, without a lock: faster than a NumPy array.
         self._lengths = array('q', bytes(8 * LENGTHS))
 
@@ -71,22 +79,30 @@ class Stepper:
         while not stopped():
             if engine.state.settings is not self._settings:
                 self._keep_to(engine.state.settings)
-            if engine.waiting:
+            if self._unpaced and self._waits_for_disk():
+                self._take(self._inbox.take(DISK_SECONDS), run=False)
+            elif engine.waiting:
                 self._wait(stopped)
             elif self._period:
                 self._step_when_due()
-            elif self.recorder is not None and self.recorder.waiting_share > MOST_BACKLOG:
-                time.sleep(DISK_SECONDS)
             else:
                 self._take(self._inbox.take(), run=True)
                 # Yields to other threads.
                 time.sleep(0)
+        self.whole = True
+
+    def _waits_for_disk(self) -> bool:
+        recorder, now = self.recorder, time.monotonic()
+        if recorder is None or recorder.waiting_share <= MOST_BACKLOG:
+            self._kept_up = now
+        return 0.0 < now - self._kept_up < DEAD_SECONDS
 
     def _keep_to(self, settings: Settings) -> None:
         """Take over another real-time factor, which is pacing only."""
-        self._settings = settings
-        paced = not settings.follows_clock and settings.real_time_factor
-        period = settings.step_ns / settings.real_time_factor if paced else 0.0
+        self._settings, self._kept_up = settings, time.monotonic()
+        factor = 0.0 if settings.follows_clock else settings.real_time_factor
+        self._unpaced = not settings.follows_clock and not factor
+        period = settings.step_ns / factor if factor else 0.0
         if period != self._period:
             self._period = period
             self._due = time.monotonic_ns() + period
@@ -118,7 +134,9 @@ class Stepper:
             self._take(self._inbox.take(LONGEST_SLEEP), run=not self._period)
             if engine.state.cycle != cycle or engine.state.settings is not settings:
                 break
-            if engine.state.waits and time.monotonic() - sent > RESEND_SECONDS:
+            # An arm that is inactive sends nothing.
+            answer = engine.state.active and engine.state.waits
+            if answer and time.monotonic() - sent > RESEND_SECONDS:
                 sent = time.monotonic()
                 self.resent += 1
                 self._publish(engine.present())
@@ -145,9 +163,9 @@ class Stepper:
                 self._publishers[role].publish(data)
                 self.states += role == STATES
 
-    def newest_lengths(self, count: float) -> NDArray[Any]:
+    def newest_lengths(self, count: int) -> NDArray[Any]:
         """Return the durations of the newest cycles, ns, LENGTHS at most."""
         last = self.engine.state.cycle
-        cycles = np.arange(last - min(int(count), LENGTHS), last) + 1
+        cycles = np.arange(last - min(count, LENGTHS), last) + 1
         lengths: NDArray[Any] = np.frombuffer(self._lengths, np.int64)
         return lengths[cycles % LENGTHS]

@@ -36,7 +36,7 @@ class HeadKey:
     SETTINGS = 'settings'
     TOPICS = 'topics'  # by role
     VERSIONS = 'versions'
-    TIMES = 'times'  # log_time: wall or simulated; start_ns and step_ns of simulated time
+    TIMES = 'times'  # log_time: wall or simulated
 
 
 class EndKey:

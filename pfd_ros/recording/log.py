@@ -27,7 +27,6 @@ from pfd_ros.recording.format import (
     check_format,
     damage_named,
 )
-from pfd_ros.recording.mcap_records import EXPANSION
 
 # Far more than a hundred joints need; YAML takes seconds a megabyte.
 ROBOT_BYTES = 1 << 20
@@ -40,8 +39,6 @@ class Log:
     ----------
     path
         The file.
-    expansion
-        Bound on what it unpacks to, in its sizes.
 
     Attributes
     ----------
@@ -68,13 +65,13 @@ class Log:
         If it cannot be read.
     """
 
-    def __init__(self, path: Path | str, expansion: float = EXPANSION) -> None:
-        self.path, self._expansion = Path(path), expansion
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
         self.end: dict[str, Any] = {}
         self.complete = False
         if self.path.is_dir():
             raise OtherLogError(f'{path} is a folder, expected the file of a recording')
-        bag = Bag(self.path, expansion)
+        bag = Bag(self.path)
         next(bag.messages(), None)
         check_format(self.path, bag.head or None)
         if not bag.robot:
@@ -97,7 +94,7 @@ class Log:
 
     def timed(self) -> Iterator[tuple[Message, int, int]]:
         """Yield the messages with their log times and publish times [ns], as `messages`."""
-        bag, roles, last = Bag(self.path, self._expansion), self._roles, 0
+        bag, roles, last = Bag(self.path), self._roles, 0
         for topic, log_ns, publish_ns, data, number in bag.messages():
             role = roles.get(topic)
             if role in ASIDES:

@@ -138,7 +138,7 @@ def _all(reader: _Reader, size: int, expansion: float) -> Iterator[McapRecord]:
                     raise LogError(
                         f'its chunks unpack to more than {expansion:g} times the file, or one to '
                         f'{found.uncompressed_size} bytes: unpack it with `mcap decompress`, or '
-                        'raise the bound with read_log(..., expansion=1000)'
+                        'read it with read_log(..., expansion=1000)'
                     )
                 inner = records_of(unpacked(found))
             for record in inner:

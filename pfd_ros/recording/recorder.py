@@ -38,11 +38,12 @@ if TYPE_CHECKING:
 
 # Within which a message is in the file, and on the disk.
 FLUSH_SECONDS, SYNC_SECONDS = 0.1, 1.0
-# `ros2 launch` and `docker stop` wait 10 s between the first signal and SIGKILL.
-CLOSE_SECONDS = 8.0
-# Messages that wait for the disk, with what Python needs for each.
+# Longest wait for a disk that does not respond.
+DISK_SECONDS = 30.0
+# Most bytes of the messages that wait for the disk: minutes of an arm at 1 kHz. Each message
+# counts with EACH_BYTES more, of the tuple and the bytes object that hold it.
 QUEUE_BYTES, EACH_BYTES = 1 << 26, 200
-# Compressing a chunk keeps the interpreter busy for a millisecond.
+# Compressing a chunk of this size takes a millisecond, in which the arm does not step.
 CHUNK_BYTES = 1 << 18
 READABLE = '; the part written so far is readable'
 TAKEN = 'the file was removed, moved, replaced or truncated'
@@ -82,7 +83,7 @@ class Recorder:
         path: Path | str,
         engine: Engine,
         topics: Mapping[str, str],
-        report: Callable[[str], object] = print,
+        report: Callable[[str], object],
     ) -> None:
         if len({*topics.values()}) < len(topics):
             raise ValueError(f'topics is {dict(topics)}, expected another topic for each role')
@@ -96,7 +97,7 @@ class Recorder:
         self._lock = threading.Lock()
         self._bytes = self._crc = self._last_ns = 0
         self._closing = threading.Event()
-        self._totals: Mapping[str, Any] = {}
+        self._totals: Mapping[str, Any] | None = None
         # The process may change its folder.
         self._path = os.path.abspath(path)
         try:
@@ -113,7 +114,9 @@ class Recorder:
             self._thread = threading.Thread(target=self._run, name='recording', daemon=True)
             self._thread.start()
         except BaseException as error:
-            with suppress(OSError):  # what is buffered may not fit either
+            with suppress(
+                OSError
+            ):  # no room for what closing writes
                 self._stream.close()
             with suppress(OSError):
                 os.unlink(self._path)
@@ -131,10 +134,12 @@ class Recorder:
         stamp_ns
             Simulated time after the step, ns.
         """
-        if not messages or self.error or self._closing.is_set():
+        if not messages:
             return
         size = sum([len(message.data) + EACH_BYTES for message in messages])
-        with self._lock:
+        with self._lock:  # under it, since nothing may follow the end
+            if self.error or self._closing.is_set():
+                return
             wall_ns = self._wall_ns + time.monotonic_ns()
             self._queue.append((wall_ns, stamp_ns, messages, size))
             self._bytes += size
@@ -146,13 +151,18 @@ class Recorder:
         """Filled share of the queue, 0 to 1: a run without real time waits while it is high."""
         return 0.0 if self.error else self._bytes / QUEUE_BYTES
 
-    def close(self, totals: Mapping[str, Any]) -> None:
-        """Write what waits, the end and the index, and close the file; `totals` as `totals_of`."""
-        self._totals = totals
-        self._closing.set()
-        self._thread.join(CLOSE_SECONDS)
+    def close(self, totals: Mapping[str, Any] | None, seconds: float = DISK_SECONDS) -> None:
+        """Write what waits, the end and the index, and close the file, within some seconds.
+
+        `totals` is as `totals_of` returns it; None leaves the end out, of a run that a fault ended
+        in the middle of a cycle.
+        """
+        with self._lock:
+            self._totals = totals
+            self._closing.set()
+        self._thread.join(seconds)
         if self._thread.is_alive():
-            self._fail(f'closing took longer than {CLOSE_SECONDS:g} s{READABLE}')
+            self._fail(f'closing took longer than {seconds:g} s: the end may be missing{READABLE}')
 
     def _write_head(self, engine: Engine, topics: Mapping[str, str]) -> dict[str, int]:
         """Write settings, robot and channels; return the channel of each role."""
@@ -162,11 +172,7 @@ class Recorder:
         values = {
             HeadKey.VERSIONS: {**versions(), PROGRAM: engine.program},
             HeadKey.TOPICS: dict(topics),
-            HeadKey.TIMES: {
-                'log_time': settings.log_time,
-                'start_ns': settings.start_ns,
-                'step_ns': settings.step_ns,
-            },
+            HeadKey.TIMES: {'log_time': settings.log_time},
         }
         head = {HeadKey.FORMAT: names.FORMAT, HeadKey.SETTINGS: settings.to_json()}
         head |= {key: json.dumps(value) for key, value in values.items()}
@@ -213,7 +219,9 @@ class Recorder:
             known = isinstance(error, OSError) and error.strerror
             self._fail(f'{known}{READABLE}' if known else str(error) or type(error).__name__)
         finally:
-            with suppress(OSError):  # what is still buffered does not fit either
+            with suppress(
+                OSError
+            ):  # no room for what closing writes
                 self._stream.close()
 
     def _drain(self) -> None:
@@ -222,18 +230,22 @@ class Recorder:
         if os.fstat(self._stream.fileno()).st_size != self._size:
             raise RuntimeError(TAKEN)
         add, ids, until = self._writer.add_message, self._ids, time.monotonic() + FLUSH_SECONDS
-        with suppress(IndexError):  # until the queue is empty
-            while time.monotonic() < until:
+        while time.monotonic() < until:
+            try:
                 wall_ns, stamp_ns, messages, size = self._queue.popleft()
-                times = (stamp_ns, wall_ns) if self._simulated else (wall_ns, stamp_ns)
-                # An aside of another thread may be late.
-                self._last_ns = log_ns = max(self._last_ns, times[0])
-                for role, data, cycle in messages:
-                    add(ids[role], log_ns, data, times[1], cycle & names.SEQUENCE_MASK)
-                    self._crc = zlib.crc32(data, self._crc)
-                    self.recorded[role] += 1
-                with self._lock:
-                    self._bytes -= size
+            except IndexError:  # empty, by this thread or by `_fail`
+                break
+            times = (stamp_ns, wall_ns) if self._simulated else (wall_ns, stamp_ns)
+            # An aside of another thread may be late.
+            self._last_ns = log_ns = max(self._last_ns, times[0])
+            for role, data, cycle in messages:
+                if role not in ids:
+                    raise ValueError(f'{role!r} has no topic in it')
+                add(ids[role], log_ns, data, times[1], cycle & names.SEQUENCE_MASK)
+                self._crc = zlib.crc32(data, self._crc)
+                self.recorded[role] += 1
+            with self._lock:
+                self._bytes -= size
         self._writer.flush()
         self._size = self._stream.tell()
 
@@ -241,8 +253,9 @@ class Recorder:
         end = {EndKey.TOTALS: self._totals, EndKey.RECORDED: self.recorded, EndKey.CRC: self._crc}
         # A metadata record is written at once, before a chunk that is still open.
         self._writer.flush()
-        texts = {key: json.dumps(value) for key, value in end.items()}
-        self._writer.add_metadata(names.END, texts)
+        if self._totals is not None:
+            texts = {key: json.dumps(value) for key, value in end.items()}
+            self._writer.add_metadata(names.END, texts)
         self._writer.finish()
         self._sync()
 
@@ -274,11 +287,11 @@ def totals_of(engine: Engine) -> dict[str, Any]:
     }
 
 
-def topic_names(roles: Collection[str], node: str = 'sim_arm') -> dict[str, str]:
+def topic_names(roles: Collection[str]) -> dict[str, str]:
     """Return the topic of each role in a run without ROS, in the order of ROLES."""
     found = {}
     for role in [role for role in ROLES if role in roles]:
         # The arm's own clock may have a channel too, and a file has one for a topic.
         topic = '~/clock_ticks' if role == CLOCK_TICKS and CLOCK in roles else ROLES[role].topic
-        found[role] = f'/{topic.lstrip("/")}'.replace('/~', f'/{node}')
+        found[role] = f'/{topic.lstrip("/")}'.replace('/~', '/sim_arm')
     return found

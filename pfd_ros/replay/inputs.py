@@ -169,16 +169,16 @@ def _moved(log: Log, engine: Engine) -> Iterator[Input]:
         states += message.role == STATES
         # Inputs, and what was refused of them, have the cycle that follows.
         last = max(last, message.cycle - (before is not None or message.role == REJECTED))
-        _check(log, last, states)
+        check_reached(log, last, states)
     if before is not None:
         yield from move.moved(before, '')
     if log.end:
         last = max(last, log.end[EndKey.TOTALS]['cycles'])
-        _check(log, last, states)
+        check_reached(log, last, states)
     yield Input(None, move.begin(last + 1))
 
 
-def _check(log: Log, cycle: int, states: int) -> None:
+def check_reached(log: Log, cycle: int, states: int) -> None:
     """Raise LogError for a cycle far beyond the recorded states: no run would get there."""
     old = log.settings
     if cycle > (states + MISSING) * 2.0 * old.publish_every / (1.0 - old.drop_state):

@@ -13,7 +13,6 @@ from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.text_and_arrays import decode_string
 from pfd_ros.recording.format import EndKey, damage_named
 from pfd_ros.recording.log import Log
-from pfd_ros.recording.mcap_records import EXPANSION
 from pfd_ros.recording.provenance import versions
 from pfd_ros.text import one_line
 
@@ -50,7 +49,7 @@ class Summary(NamedTuple):
     complete: bool
 
 
-def summarize(path: Path | str, expansion: float = EXPANSION) -> Summary:
+def summarize(path: Path | str) -> Summary:
     """Read a recording to its end.
 
     Raises
@@ -60,7 +59,7 @@ def summarize(path: Path | str, expansion: float = EXPANSION) -> Summary:
     OSError
         If it cannot be read.
     """
-    log = Log(path, expansion)
+    log = Log(path)
     counts, rejected, walls, cycles = Counter[str](), Counter[str](), list[int](), 0
     simulated = log.settings.log_time == 'simulated'
     with damage_named(log.path):

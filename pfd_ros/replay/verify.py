@@ -21,12 +21,12 @@ import numpy as np
 
 from pfd_ros.arm.description import link_frames
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import ASIDES, INPUTS, REJECTED, ROLES, Message
+from pfd_ros.arm.events import ASIDES, INPUTS, REJECTED, ROLES, STATES, Message
 from pfd_ros.messages.definitions import known_types
 from pfd_ros.recording.format import EndKey, LogError, damage_named
 from pfd_ros.recording.log import Log
-from pfd_ros.recording.mcap_records import EXPANSION
 from pfd_ros.recording.provenance import cause
+from pfd_ros.replay.inputs import check_reached
 from pfd_ros.text import cut, one_line
 
 
@@ -52,7 +52,7 @@ class Verified(NamedTuple):
     complete: bool
 
 
-def verify(path: Path | str, expansion: float = EXPANSION) -> Verified:
+def verify(path: Path | str) -> Verified:
     """Simulate a recording again and compare every output, byte for byte.
 
     A recording that was cut off is compared up to the cut. Of a refused input the rule that it
@@ -67,7 +67,7 @@ def verify(path: Path | str, expansion: float = EXPANSION) -> Verified:
     OSError
         If it cannot be read.
     """
-    log = Log(path, expansion)
+    log = Log(path)
     with damage_named(log.path):
         engine = recorded_engine(log)
         program = engine.program  # a payload may change it
@@ -89,7 +89,9 @@ def _verified(log: Log, engine: Engine) -> Verified:
     compared, computed, crc = Counter[str](), deque[Message](), 0
 
     def advance(cycle: int) -> None:
-        # Each computed output has to be the next recorded one, so a wrong cycle costs one step.
+        # Each computed output has to be the next recorded one, so a wrong cycle costs one step, if
+        # there are outputs.
+        check_reached(log, cycle, compared[STATES])
         while engine.state.cycle < cycle and not computed and not engine.waiting:
             computed.extend(engine.step()[0])
 
@@ -147,15 +149,17 @@ def _compare(recorded: Message, computed: Message | None, engine: Engine) -> Non
     if computed is None or (computed.role, computed.cycle) != (role, recorded.cycle):
         found = _only(deque([computed] if computed else ()), engine)
         raise DifferenceError(f'{where}: recorded {role}, {found}')
+    other = _decoded(role, computed.data)
     try:
-        one, other = (_decoded(role, message.data) for message in (recorded, computed))
-        if role == REJECTED:
-            one.data, other.data = one.data.partition('\n')[0], other.data.partition('\n')[0]
-            if one.data == other.data:
-                return
-        found = next(_differences('', one, other, other), 'the same values in other bytes')
-    except Exception as error:  # the recorded bytes may be anything
-        found = f'the recorded message cannot be decoded: {error}'
+        one = _decoded(role, recorded.data)
+    except Exception as error:  # the bytes may be anything
+        why = f'the recorded message cannot be decoded: {error}'
+        raise DifferenceError(f'{where}, {role}: {why}') from None
+    if role == REJECTED:
+        one.data, other.data = one.data.partition('\n')[0], other.data.partition('\n')[0]
+        if one.data == other.data:
+            return
+    found = next(_differences('', one, other, other), 'the same values in other bytes')
     raise DifferenceError(f'{where}, {role}: {found}')
 
 

@@ -172,7 +172,8 @@ def what_if(
     ------
     ValueError
         If a setting is invalid, or the log (LogError) is damaged, no recording of this edition, or
-        has no joint of the arm. No log is written then.
+        has no joint of the arm; no log is written then. If the new run has nothing to compare
+        (LogError): it stays, and the text names it.
     OSError
         If a file cannot be read or written.
     """

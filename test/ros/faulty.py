@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import ctypes
 import itertools
+import os
 import sys
 import threading
 import time
@@ -107,13 +108,14 @@ def fail_first(name: str, error: str) -> None:
 
 
 def at_cycle(cycle: int, fault) -> None:
-    """Call a function in the step after a cycle."""
+    """Call a function in the step after a cycle, before anything of it is recorded."""
     real_step = bridge.Engine_step
 
     def step(engine, *args):
-        if engine.state.cycle == cycle:
+        before, found = engine.state.cycle, real_step(engine, *args)
+        if before == cycle:
             fault()
-        return real_step(engine, *args)
+        return found
 
     bridge.put('Engine_step', step)
 
@@ -157,6 +159,32 @@ def hang_in_a_step() -> None:
     at_cycle(200, hang_in_c)
 
 
+def sync_within(seconds: float) -> None:
+    """Let the disk need so long for what it is given, which is little; the node waits 2 s."""
+    bridge.put('SYNC_SECONDS', 0.0)
+    bridge.put('QUEUE_BYTES', 40_000)
+    bridge.put('DEAD_SECONDS', 2.0)
+    os.fdatasync = lambda number: time.sleep(seconds)
+
+
+class FaultyCompanion:
+    """A companion that cannot be started."""
+
+    def start(self, node: str) -> None:
+        raise PermissionError('no view')
+
+    def ended(self) -> str:
+        return ''
+
+    def stop(self) -> None:
+        pass
+
+
+def accompany() -> None:
+    real = bridge.node_process_run
+    bridge.put('node_process_run', lambda args, stop, _: real(args, stop, FaultyCompanion()))
+
+
 def fail(*_: object, **__: object) -> None:
     raise KeyError('{0}')
 
@@ -164,6 +192,9 @@ def fail(*_: object, **__: object) -> None:
 FAULTS = {
     'reports_often': lambda: bridge.put('REPORT_SECONDS', 0.1),
     'stepping_fails': lambda: at_cycle(200, fail),
+    'disk_is_slow': lambda: sync_within(0.2),
+    'disk_is_dead': lambda: sync_within(6.0),
+    'companion_fails': accompany,
     'stepping_hangs': hang_in_a_step,
     'configuring_fails': lambda: bridge.put('lifecycle_SimArm', fail),
     'first_start_fails': lambda: fail_first('SimArm_start', "can't start new thread"),

@@ -137,6 +137,29 @@ def test_an_arm_is_configured_moved_stopped_and_configured_again(
         assert found.compared['joint_states'] > 0
 
 
+@pytest.mark.slow
+def test_an_inactive_arm_in_lockstep_sends_nothing_and_does_not_ask_for_answers(
+    processes: Processes, peer_of
+) -> None:
+    settings = ('-p', 'lockstep:=true', '-p', 'wait_for_controller:=true')
+    node = waiting(processes, *settings, '-p', 'robot:=planar2')
+    peer = peer_of(processes)
+    assert transition(peer, 'configure')
+    assert transition(peer, 'activate')
+    peer.connect()
+    assert transition(peer, 'deactivate')
+    # Those that are on their way; then some periods in which an active arm would send.
+    for _ in range(5):
+        peer.executor.spin_once(timeout_sec=0.1)
+    peer.states.clear()
+    for _ in range(10):
+        peer.executor.spin_once(timeout_sec=0.1)
+    assert not peer.states
+    assert transition(peer, 'activate')
+    peer.let_pass(2)
+    node.stop()
+
+
 def test_simulated_time_continues_after_a_cleanup(processes: Processes, peer_of) -> None:
     node = waiting(processes, '-p', 'robot:=planar2')
     peer = peer_of(processes)

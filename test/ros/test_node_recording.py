@@ -21,6 +21,7 @@ from ros_processes import (
     NODE,
     Process,
     Processes,
+    call,
     environment,
     in_namespaces,
     resident_bytes,
@@ -182,6 +183,33 @@ def test_a_long_run_at_unlimited_speed_waits_for_its_recording(processes: Proces
     assert resident_bytes(arm.process.pid) - before < 200_000_000
     arm.stop()
     assert RecordedLog(path).settings.real_time_factor == 0.0
+
+
+@pytest.mark.slow
+def test_at_unlimited_speed_lockstep_waits_for_its_recording(processes: Processes) -> None:
+    settings = ('-p', 'recording:=arm.mcap', '-p', 'real_time_factor:=0.0')
+    arm = processes.faulty('disk_is_slow', *settings, '-p', 'lockstep:=true')
+    processes.python(str(Path(__file__).with_name('answering.py')))
+    wait_for_bytes(arm, processes.folder / 'arm.mcap', 100_000)
+    arm.stop()
+    assert verify_log(processes.folder / 'arm.mcap').compared['joint_commands'] > 100
+
+
+@pytest.mark.slow
+def test_at_unlimited_speed_a_dead_disk_ends_the_recording_and_the_arm_answers_and_goes_on(
+    processes: Processes, peer_of
+) -> None:
+    from std_srvs.srv import Trigger
+
+    settings = ('-p', 'recording:=arm.mcap', '-p', 'real_time_factor:=0.0')
+    arm = processes.faulty('disk_is_dead', *settings)
+    peer = peer_of(processes)
+    assert call(peer, Trigger, 'reset').message.startswith('accepted')
+    arm.wait_for_text('the disk is too slow')
+    peer.connect()
+    peer.let_pass()
+    assert arm.end(signal.SIGTERM) == 1
+    assert not verify_log(processes.folder / 'arm.mcap').complete
 
 
 @pytest.mark.parametrize('without', ['discovery', 'a network'])

@@ -260,7 +260,7 @@ ALTERED: dict[str, tuple[Any, str]] = {
     'a rejection is altered': (bit('rejected', 10, 7), 'rejected'),
     'cycles far ahead': (
         lambda role, m: replace(m, sequence=m.sequence + 10**9) if m.sequence > 29 else m,
-        'cycle 1000000030',
+        'cycle 1000000029 after 29 recorded states',
     ),
     'cycles that go back': (
         lambda role, m: replace(m, sequence=m.sequence - 9) if m.sequence > 29 else m,
@@ -277,6 +277,22 @@ def test_an_altered_recording_is_not_equal(
     alter, expected = ALTERED[name]
     path = rewritten(source, tmp_path / 'new.mcap', alter, counted=counted)
     with pytest.raises(LogError, match=expected):
+        verify_log(path)
+
+
+def test_an_end_that_no_run_without_outputs_reaches_is_damage(
+    source: Path, tmp_path: Path
+) -> None:
+    def change(name: str, found: dict[str, str]) -> dict[str, str]:
+        if name == HEAD_RECORD:
+            return {**found, 'topics': '{"commands": "/sim_arm/commands"}'}
+        return {**found, 'totals': json.dumps({'cycles': 10**12})}
+
+    def only_commands(role: str, message: Message) -> Message | None:
+        return message if role == 'commands' else None
+
+    path = rewritten(source, tmp_path / 'new.mcap', only_commands, change, counted=True)
+    with pytest.raises(LogError, match=f'cycle {10**12} after 0 recorded states'):
         verify_log(path)
 
 

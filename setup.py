@@ -36,6 +36,7 @@ setup(
     package_data={
         'pfd_core.config': ['*.yaml', 'robots/*'],
         'pfd_core': ['py.typed'],
+        'pfd_ros': ['py.typed'],
         'pfd_ros.page': ['assets/*'],
         'pfd_ros.testing': ['*.xml'],
     },

@@ -26,17 +26,24 @@ Only `node`, `testing`, `demo`, `view.live`, `cli.send` and `replay.publish` imp
 To change or add
 
     an input                a row of arm.events.ROLES, a rule in arm.engine.RULES
-    a published topic       a row of arm.events.ROLES and a writer in arm.outputs. A topic that
-                            is not published with each state has a separate publisher, as in
-                            node.diagnostics
+    a published topic       a row of arm.events.ROLES, a writer in arm.outputs; a line of
+                            config/sim_arm.yaml (`outputs`) and of docs/guides/node.md, a case of
+                            test/ros/test_arm_outputs.py. A topic that is not published with each
+                            state has a separate publisher, as in node.diagnostics
     frames of the links     arm.frames: /tf of recordings
-    a parameter             a field of arm.settings, a line of config/sim_arm.yaml
-    NaN in a command        arm.commands: named (keeps the last value), array (the message is
-                            refused)
-    log lines, diagnostics  node.reporting, node.diagnostics
-    metadata of recordings  recording.format.HeadKey, EndKey; built in provenance.file_head and
-                            recorder.LogRecorder.close_run, written by mcap_file
-    a check of a page       page.findings, fed by page.reading
+    a parameter             a field of arm.settings.Settings, a line of config/sim_arm.yaml
+    NaN in a command        arm.commands.named (keeps the last value), arm.commands.array (the
+                            message is refused)
+    a rejected command      judged in arm.commands, recorded by arm.engine.Engine and
+                            arm.refusals.refusal, logged by node.report.report_arm
+    log lines, diagnostics  node.report, node.diagnostics
+    metadata of recordings  recording.format.HeadKey and recording.format.EndKey, written by
+                            recording.recorder.Recorder; from recording.provenance.versions and
+                            recording.recorder.totals_of
+    what-if                 cli.logs -> replay.what_if.what_if: changes of the arm in
+                            replay.changed_settings, inputs in replay.inputs.run_inputs, the new
+                            file by recording.recorder, both compared by replay.compare.compare
+    a check of a page       page.findings.find, fed by page.recorded.Recorded
     what `pfd view` draws   view.arm.Stage and view.loads; from a new topic also view.logged and
                             view.live
     a `pfd` command         a Command in a module of cli, a row of cli.main.COMMANDS

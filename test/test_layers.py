@@ -172,6 +172,39 @@ def test_the_docstring_of_each_package_is_a_map_of_its_modules() -> None:
         assert sorted(lines) == sorted(members), init
 
 
+def defined(path: Path) -> set[str]:
+    """Return the names that a module defines."""
+    found = set()
+    for node in ast.parse(path.read_text(encoding='utf-8')).body:
+        if isinstance(node, ast.ClassDef | ast.FunctionDef):
+            found.add(node.name)
+        targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, 'target', node)]
+        found |= {target.id for target in targets if isinstance(target, ast.Name)}
+    return found
+
+
+def unknown_names(docstring: str, found: dict[str, Path]) -> list[str]:
+    """Return the dotted names and the files in a docstring of pfd_ros that do not exist."""
+    wrong = []
+    for name in re.findall(rf'(?<![\w./])(?:{"|".join(PFD_ROS)})(?:\.\w+)+', docstring):
+        module, _, attribute = f'pfd_ros.{name}'.rpartition('.')
+        if f'pfd_ros.{name}' not in found and not (
+            module in found and attribute in defined(found[module])
+        ):
+            wrong.append(name)
+    files = re.findall(r'\b(?:config|docs|test)/[\w/]+\.\w+', docstring)
+    return wrong + [name for name in files if not (ROOT / name).is_file()]
+
+
+@pytest.mark.parametrize('package', ['pfd_ros', *(f'pfd_ros.{name}' for name in PFD_ROS)])
+def test_every_name_in_the_docstring_of_a_package_exists(package: str) -> None:
+    found = modules()
+    docstring = ast.get_docstring(ast.parse(found[package].read_text(encoding='utf-8'))) or ''
+    assert unknown_names(docstring, found) == []
+    wrong = ['arm.nothing', 'node.report.nothing', 'nothing.report.Report', 'docs/nothing.md']
+    assert unknown_names(f'{docstring} {" ".join(wrong)}', found) == [*wrong[:2], wrong[3]]
+
+
 def test_names_of_functions_that_tables_load_at_first_use_exist() -> None:
     name = re.compile(rf'({"|".join(PFD_CORE)})(\.\w+){{2}}')
     found = {

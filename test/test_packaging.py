@@ -71,6 +71,7 @@ def test_an_installation_holds_code_robots_parameters_and_the_ament_marker(
     for part in (
         'pfd_core/kernels/kernel.py',
         'pfd_core/py.typed',
+        'pfd_ros/py.typed',
         'pfd_core/config/robots/puma560.yaml',
         'pfd_core/config/sim_arm.yaml',
         'pfd_ros/node/main.py',

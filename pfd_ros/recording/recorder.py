@@ -114,9 +114,7 @@ class Recorder:
             self._thread = threading.Thread(target=self._run, name='recording', daemon=True)
             self._thread.start()
         except BaseException as error:
-            with suppress(
-                OSError
-            ):  # no room for what closing writes
+            with suppress(OSError):  # no room for what closing writes
                 self._stream.close()
             with suppress(OSError):
                 os.unlink(self._path)
@@ -219,9 +217,7 @@ class Recorder:
             known = isinstance(error, OSError) and error.strerror
             self._fail(f'{known}{READABLE}' if known else str(error) or type(error).__name__)
         finally:
-            with suppress(
-                OSError
-            ):  # no room for what closing writes
+            with suppress(OSError):  # no room for what closing writes
                 self._stream.close()
 
     def _drain(self) -> None:

@@ -273,6 +273,13 @@ def test_a_damped_mass_comes_to_rest_on_its_stop(integrator: str) -> None:
     assert run.qd[-1, 0] == 0.0
 
 
+def test_a_joint_that_has_passed_its_stop_by_rounding_is_at_the_stop_after_its_impact() -> None:
+    scene = pfd.Scene(gravity=None, joint_limits=[[0.0, 1.0]])
+    for start in (-1e-13, 1e-13):
+        run = simulated(slider(1, 0), scene, [start], [-1.0], np.zeros((2, 1)))
+        assert (run.q[-1, 0], run.qd[-1, 0]) == (0.0, 0.0)
+
+
 def test_a_step_of_too_many_impacts_ends_in_a_status() -> None:
     """A gap of 100 nm at 10 m/s: 100 000 hits in a step."""
     scene = pfd.Scene(gravity=None, joint_limits=[[0.0, 1e-7]], restitution=[1.0])

@@ -104,6 +104,16 @@ def test_time_does_not_drift() -> None:
     assert sim.time == 5.0 + 1000 * 1e-3
 
 
+def test_a_reset_sets_state_and_time_after_any_number_of_steps() -> None:
+    sim = pfd.Simulator(pfd.load_robot('planar2'))
+    for steps in (0, 1, 2, 3):
+        sim.reset([0.1, steps], [0.2, steps], time=steps)
+        assert (sim.q.tolist(), sim.qd.tolist()) == ([0.1, steps], [0.2, steps])
+        assert sim.time == steps
+        for _ in range(steps):
+            sim.step([1.0, 0.0])
+
+
 def test_an_overflow_is_a_status_and_the_finite_steps_are_counted() -> None:
     sim = pfd.Simulator(pfd.load_robot('planar2'), step_size=1e-3)
     taus = np.zeros((40, 2))

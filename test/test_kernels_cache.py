@@ -18,7 +18,6 @@ import bridge
 from bridge import CACHE_VARIABLE, Frame, cache_folder, read_cache, write_cache
 import numpy as np
 import pytest
-from sampling import one_fast
 from zoo import random_chain, random_state
 
 import pfd_core as pfd
@@ -262,7 +261,7 @@ def full(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, 'replace', refuse)
 
 
-@pytest.mark.parametrize('obstacle', one_fast([in_the_way, read_only, full], read_only))
+@pytest.mark.parametrize('obstacle', [in_the_way, read_only, full])
 def test_where_nothing_can_be_written_kernels_work_after_one_warning(
     folder: Path,
     obstacle: Any,

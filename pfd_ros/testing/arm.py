@@ -32,6 +32,7 @@ from pfd_ros.arm.events import (
     ALL,
     ASIDES,
     PARAMETERS,
+    REJECTED_COUNTS,
     REQUESTS,
     SET_STATE,
     WRENCH,
@@ -137,7 +138,7 @@ class LockstepArm:
             return Engine(settings, self.robot, roles)
         frames = self._described.recorded_frames(settings, warnings.warn)
         engine = Engine(settings, self.robot, ALL, frames)
-        recorded = (ALL - ASIDES) | (frames.roles if frames is not None else set())
+        recorded = {*ALL - ASIDES, REJECTED_COUNTS, *(frames.roles if frames else ())}
         self._log = Recorder(settings.recording, engine, topic_names(recorded), lambda line: None)
         if frames is not None:
             self._log.put(frames.opening(engine.stamp_ns), engine.stamp_ns)

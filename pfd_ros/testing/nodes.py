@@ -57,11 +57,10 @@ from pfd_ros.testing.process import ControllerProcess
 from pfd_ros.text import listed, one_line
 
 COMMANDS = (NAMED, ARRAY)
-# Requests that make a barrier after a state and after a tick. One may be taken in a wait that did
-# not see the message before it; the second one is taken after the message's callback, the third
-# after timers which that callback, the clock's, made due. One barrier for a state and its tick
-# would be twice as fast, but then the clock that a state's callback reads is before its tick or
-# after it by chance.
+# Numbers of requests in a barrier after a state and after a tick. An executor may take the first
+# one before it has seen the message. It serves the second one after the callback of the message,
+# and the third one after the timers that the callback of the clock made due. A state and its tick
+# have a barrier each: else a callback of the state would read the clock of either, by chance.
 AFTER_STATE, AFTER_TICK = 2, 3
 # The graph has to stay the same for so long before the first state, s; a first request without
 # reply is repeated after AGAIN; a wait is at most LOOK long, and the graph is read as often.
@@ -70,8 +69,8 @@ STATE_DEPTH, COMMAND_DEPTH = 10, 100
 THREADS = 'several threads or a timer on wall time'
 LATE = f'a command came after its node had said that it was done: it has {THREADS}'
 BOTH = f'commands follow states as well as ticks: if that is not meant, there are {THREADS}'
-# These deliver to readers of the same process within publish(); with others, nodes of this process
-# would have to be peers.
+# Middlewares in which publish() delivers to readers of the same process before it returns. With
+# others, nodes of this process are peers.
 DELIVER_AT_ONCE = ('rmw_fastrtps', 'rmw_cyclonedds')
 
 
@@ -124,7 +123,7 @@ class _Peer:
 
 
 class _WithoutTimers:
-    """A node as the executor sees it, which would run timers in an order by chance."""
+    """A node without its timers, which the executor would run in no defined order."""
 
     timers = ()
 
@@ -225,7 +224,7 @@ class NodeLink:
                 )
             if node.executor is not None and node in node.executor.get_nodes():
                 raise ControllerError(f'node {node.get_name()!r} is in an executor already')
-        settings = engine.state.settings
+        settings, self._engine = engine.state.settings, engine
         self._tick_ns = settings.clock_every * settings.step_ns
         # No services, log topic and event handlers: each makes every wait longer.
         self._node = Node(
@@ -235,66 +234,18 @@ class NodeLink:
             start_parameter_services=False,
             parameter_overrides=[NodeParameter('start_type_description_service', value=False)],
         )
-        topics = dict(described.control.topics)
-        if settings.command_topic:
-            topics[ARRAY] = settings.command_topic
-        # Made before the clients of peers: discovery keeps the order, so a peer that replies knows
-        # these ends.
-        wrench = {TIP_WRENCH} if engine.plant.scene.external_wrench else set()
-        roles = {STATES, PAYLOAD_IN_USE, *settings.outputs, *wrench}
-        roles |= {CLOCK} if settings.publish_clock else set()
-        roles |= {DESCRIPTION} if settings.publish_description else set()
-        writes = PublisherEventCallbacks(use_default_callbacks=False)
-        reads = SubscriptionEventCallbacks(use_default_callbacks=False)
-        # Reliable, as that of the node: it has the same overrides.
-        served = QoSProfile(depth=COMMAND_DEPTH)
-        ends = {
-            role: (message_class(row.type), topic_of(self._node, row.topic, topics.get(role, '')))
-            for role, row in ROLES.items()
-            if role in roles or role in COMMANDS
-        }
         try:
-            self._publishers = {
-                role: self._node.create_publisher(
-                    *ends[role], _offered(role), event_callbacks=writes
-                )
-                for role in ROLES
-                if role in roles
-            }
-            self._commands = {
-                role: self._node.create_subscription(
-                    *ends[role],
-                    partial(self._on_command, role),
-                    served,
-                    raw=True,
-                    event_callbacks=reads,
-                    qos_overriding_options=OVERRIDABLE,
-                )
-                for role in COMMANDS
-            }
-        except rclpy_implementation.RCLError:
+            self._make_ends(described, engine)
+        except BaseException as error:
             # Within a process the middleware refuses a second type on a topic.
-            found = list(_mismatches(self._node, ends, {}))
+            refused = isinstance(error, rclpy_implementation.RCLError)
+            found = list(_mismatches(self._node, self._topics, {})) if refused else []
             self._node.destroy_node()
-            if not found:
-                raise
-            raise ControllerError('; '.join(found)) from None
-        # rclpy has no public access to what arguments and files give.
-        given = getattr(self._node, '_parameter_overrides', {})
-        unused = sorted(name for name in given if not self._node.has_parameter(name))
-        if unused:
-            self._node.destroy_node()
-            raise ValueError(
-                f'ros_args has the parameters {listed(unused)}, expected remappings and QoS of '
-                'topics: give settings as arguments, sim_arm(robot=...)'
-            )
-        self._topics = ends
-        for end in self._commands.values():
-            # The executor passes the message with its information as one argument.
-            end._callback_type = end.CallbackType.WithMessageInfo
-        if settings.publish_description:
-            self._publishers[DESCRIPTION].publish(encode_string(described.text))
-        # What rclpy.experimental has around it enables faulthandler, which needs a real stderr.
+            if found:
+                raise ControllerError('; '.join(found)) from None
+            raise
+        # rclpy.experimental.EventsExecutor also enables faulthandler, which fails where pytest has
+        # replaced stderr.
         self._events = rclpy_implementation.EventsExecutor(get_default_context())
         self._events.add_node(self._node)
         self._executor = _Executor(self._events)  # nodes have weak references to it
@@ -305,16 +256,70 @@ class NodeLink:
         # Commands that came: role, bytes, time of publication [ns].
         self._came: list[tuple[str, bytes, int]] = []
         self._after: set[str] = set()  # roles of the messages that commands followed
-        self._time, self._commanded, self._looked = 0.0, math.nan, 0.0
+        self._time, self._commanded_ns, self._looked = 0.0, math.nan, 0.0
         self._answers, self._watch = 0, Watch(math.inf)
         self.seconds, self.notes, self._noted = math.nan, list[str](), set[str]()
+
+    def _make_ends(self, described: DescribedRobot, engine: Engine) -> None:
+        """Make publishers and readers of commands, before the clients of peers.
+
+        Discovery keeps the order, so a peer that replies knows these ends.
+        """
+        settings = engine.state.settings
+        topics = dict(described.control.topics)
+        if settings.command_topic:
+            topics[ARRAY] = settings.command_topic
+        wrench = {TIP_WRENCH} if engine.plant.scene.external_wrench else set()
+        roles = {STATES, PAYLOAD_IN_USE, *settings.outputs, *wrench}
+        roles |= {CLOCK} if settings.publish_clock else set()
+        roles |= {DESCRIPTION} if settings.publish_description else set()
+        writes = PublisherEventCallbacks(use_default_callbacks=False)
+        reads = SubscriptionEventCallbacks(use_default_callbacks=False)
+        # Reliable, as that of the node: it has the same overrides.
+        served = QoSProfile(depth=COMMAND_DEPTH)
+        self._topics = {
+            role: (message_class(row.type), topic_of(self._node, row.topic, topics.get(role, '')))
+            for role, row in ROLES.items()
+            if role in roles or role in COMMANDS
+        }
+        self._publishers = {
+            role: self._node.create_publisher(
+                *self._topics[role], _offered(role), event_callbacks=writes
+            )
+            for role in ROLES
+            if role in roles
+        }
+        self._commands = {
+            role: self._node.create_subscription(
+                *self._topics[role],
+                partial(self._on_command, role),
+                served,
+                raw=True,
+                event_callbacks=reads,
+                qos_overriding_options=OVERRIDABLE,
+            )
+            for role in COMMANDS
+        }
+        for end in self._commands.values():
+            # The executor passes the message with its information as one argument.
+            end._callback_type = end.CallbackType.WithMessageInfo
+        # rclpy has no public access to what arguments and files give.
+        given = getattr(self._node, '_parameter_overrides', {})
+        unused = sorted(name for name in given if not self._node.has_parameter(name))
+        if unused:
+            raise ValueError(
+                f'ros_args has the parameters {listed(unused)}, expected remappings and QoS of '
+                'topics: give settings as arguments, sim_arm(robot=...)'
+            )
+        if settings.publish_description:
+            self._publishers[DESCRIPTION].publish(encode_string(described.text))
 
     def __enter__(self) -> NodeLink:
         """Return the link."""
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Take the node of the arm down; the other nodes may be in another run."""
+        """Destroy the node of the arm, and release the other nodes for another run."""
         self._watch.__exit__()
         for node in self._nodes:
             node.executor = None
@@ -322,10 +327,11 @@ class NodeLink:
         self._node.destroy_node()
 
     def begin(self, period: float | None, patience: float, start_patience: float) -> None:
-        """Wait until all nodes and the ends of their topics know each other, s of wall time.
+        """Wait until discovery is complete: all nodes, and the ends of their topics.
 
         No message is published before, so timers on simulated time all begin at time 0. `period`
-        is the longest simulated time between two commands, s, or None.
+        is the longest simulated time between two commands, s, or None; `patience` is the longest
+        wall time for a message, and `start_patience` for discovery, s.
         """
         self._period, self._patience = period, patience
         # Without the context, nothing of rclpy waits: clock.sleep_for() hears of no signal.
@@ -354,9 +360,6 @@ class NodeLink:
         self._counts, roles = matched, [role for role, _ in ends]
         self._read = [role for role in self._publishers if role in roles]
         self._ticks, self._several = CLOCK in roles, roles.count('commands') > 1
-        # Whether all that a message causes is one callback of one node.
-        alone = len(self._peers) + len(self._nodes) == 1
-        self._answers_states = alone and self._read == [STATES] and roles.count(STATES) == 1
         for peer in self._peers.values():
             peer.pending = []
             peer.threaded = bool(peer.sim_time) and ('events', peer.name) in ends
@@ -440,12 +443,12 @@ class NodeLink:
         self, messages: Sequence[Message], time: float, measured: Array
     ) -> Sequence[Command]:
         """Publish messages one by one, each with what follows from it; return the commands."""
-        self._time, sent = time, dict[str, int]()
+        self._time, stamp_ns, sent = time, self._engine.stamp_ns, dict[str, int]()
         for role, data, _ in messages:
             if role in self._read:
                 sent[role] = time_ns()
                 self._publishers[role].publish(data)
-                self._settle(role, round(time * NANOSECONDS))
+                self._settle(role, stamp_ns)
         if STATES in sent and not self._ticks:
             self._wait_for_answer()
         now = perf_counter()
@@ -454,13 +457,15 @@ class NodeLink:
             if self._matched() != self._counts:
                 self._note('a node joined or left the topics of the arm')
             self._check_processes()
-        if self._period and time - self._commanded > self._period * (1 + 1e-6):
+        since = (stamp_ns - self._commanded_ns) / NANOSECONDS
+        if self._period and since > self._period * (1 + 1e-6):
+            last = self._commanded_ns / NANOSECONDS
             raise NoAnswerError(
-                f'no command since t = {self._commanded:.6g} s, {self._where()}: the nodes have '
+                f'no command since t = {last:.6g} s, {self._where()}: the nodes have '
                 f'finished their callbacks; one is expected every {self._period:g} s'
             )
         if self._came:
-            self._commanded = time
+            self._commanded_ns = stamp_ns
         return self._commands_of(sent)
 
     def _commands_of(self, sent: dict[str, int]) -> list[Command]:
@@ -527,14 +532,8 @@ class NodeLink:
         """Return when every node has done all that follows from the last message."""
         if self._nodes:
             self._drain()
-        if self._answers_states and self._peers:
-            # A command that came before a reply shows that the callback has run.
-            for _ in range(AFTER_STATE):
-                self._barrier(1, role, stamp_ns)
-                if self._came:
-                    return
-            return
-        # As many as the longest chain from node to node has; those of this process run between.
+        # A chain of nodes needs a barrier for each node elsewhere, and as many again if nodes of
+        # this process are between them.
         for _ in range(len(self._peers) * (2 if self._nodes else 1)):
             self._barrier(AFTER_TICK if role == CLOCK else AFTER_STATE, role, stamp_ns)
 
@@ -546,8 +545,9 @@ class NodeLink:
         for peer in self._peers.values():
             while (future := peer.awaited(stamp_ns)) is not None:
                 self._spin(future, LOOK_SECONDS)
-                if perf_counter() > deadline:
+                if not future.done():
                     self._check_processes()
+                if perf_counter() > deadline:
                     why = (
                         'its clock does not follow /clock'
                         if peer.reads
@@ -564,7 +564,7 @@ class NodeLink:
         """Run nodes of this process until nothing is ready, and take the commands."""
         deadline = perf_counter() + self._patience
         while True:
-            # With a deadline that is over, until the queue of events is empty.
+            # The future is never done: with 0 s, this runs callbacks until nothing is ready.
             self._spin(Future(), 0.0)
             timers = [timer for node in self._nodes for timer in node.timers]
             if timers != self._timers:

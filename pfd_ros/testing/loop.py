@@ -60,7 +60,7 @@ def blocked(watch: Watch, patience: float, time: float, answers: int) -> Control
 class Link(Protocol):
     """What the loop needs of a link."""
 
-    silent: bool  # nobody reads the messages: it gets the published states alone
+    silent: bool  # needs no messages, `measured` of each published state is enough
     seconds: float  # wall time that the controller took for the last command
     notes: list[str]  # why the run may differ another time
 
@@ -69,8 +69,8 @@ class Link(Protocol):
     ) -> Sequence[Command]:
         """Return the commands, role and bytes, that follow messages of the arm.
 
-        `measured` are positions, velocities and efforts (3, n) of the state at `time` [s], the
-        link's own.
+        `measured` are positions, velocities and efforts (3, n) of the state at `time` [s], a copy
+        that the link may change.
         """
 
     def rejected(self, time: float, verdict: Verdict) -> Exception:
@@ -115,17 +115,18 @@ def run(engine: Engine, step: Step, link: Link, rows: Rows, allowed: Collection[
         messages, verdicts = step(commands, every)
         if verdicts != accepted or not silent:
             for command, verdict in zip(commands, verdicts, strict=True):
-                found = rejection(command, verdict, engine.names)
+                found = rejection(command, verdict, engine)
                 if found is not None and found.label not in allowed:
                     raise link.rejected(time, found)
         published = always or engine.published
 
 
-def rejection(command: Command, verdict: Verdict, names: Sequence[str]) -> Verdict | None:
+def rejection(command: Command, verdict: Verdict, engine: Engine) -> Verdict | None:
     """Return why the arm rejected a command or a part of it, None if it accepted all.
 
-    The arm accepts a message by name that holds a number for one of its joints. Names that it does
-    not have and joints that get NaN stay without a command: a part is rejected.
+    The arm accepts a message by name that commands one of its joints. It ignores names that it
+    does not have, and joints without a number keep their last command: a part is rejected.
+    Without a servo, efforts alone are commands.
     """
     if not verdict.accepted:
         return verdict
@@ -135,9 +136,10 @@ def rejection(command: Command, verdict: Verdict, names: Sequence[str]) -> Verdi
     if command[0] != NAMED:
         return None
     joints = decode_joints(command[1])
-    kinds = [x for x in (getattr(joints, kind) for kind in JOINT_FIELDS) if len(x)]
-    without = np.flatnonzero(np.isnan(kinds).all(axis=0)).tolist()
-    left = [joints.names[j] for j in without if joints.names[j] in names]
+    kinds = JOINT_FIELDS if engine.actuators.servo else ('effort',)
+    numbers = [x for x in (getattr(joints, kind) for kind in kinds) if len(x)]
+    without = np.flatnonzero(np.isnan(numbers).all(axis=0)).tolist()
+    left = [joints.names[j] for j in without if joints.names[j] in engine.names]
     return Verdict(ALL_NAN.label, f'NaN for {listed(left)}') if left else None
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from functools import partial
+import math
 import os
 from pathlib import Path
 import pickle
@@ -25,6 +26,7 @@ from tested_controllers import BEFORE, GOAL, command_of, faulty, node_of
 from waiting import PATIENCE, wait_until
 
 import pfd_core as pfd
+from pfd_ros import read_log
 from pfd_ros.testing import (
     REASONS,
     ArmError,
@@ -442,7 +444,7 @@ def test_a_fault_is_one_error_that_says_where_and_why(
             call = partial(arm.spin, 0.1, one, controller_period=period)
         with pytest.raises(kind, match=text):
             # Only what is waited for in vain is waited for shortly: a busy machine is slow.
-            call(patience=1.0 if '1 s ' in text else 60.0)
+            call(patience=1.0 if '1 s ' in text else math.inf)
 
 
 @pytest.fixture
@@ -511,7 +513,8 @@ def late_stamp(command: Any) -> None:
 
 
 def nan_for_one(command: Any) -> None:
-    command.effort[2] = float('nan')
+    # Without a servo a position is no command.
+    command.position, command.effort[2] = command.effort, float('nan')
 
 
 def stranger(command: Any) -> None:
@@ -524,6 +527,24 @@ REJECTED = {
     'all_nan': (nan_for_one, r"NaN for \['elbow_joint'\]"),
     'unknown_names': (stranger, 'nobody'),
 }
+
+
+@pytest.mark.ros
+def test_a_flood_of_rejected_commands_is_recorded_and_verifies(
+    controller_of: Callable[..., Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def nobody(command: Any) -> None:
+        command.name = [f'nobody{k}' * 20 for k in range(len(command.name))]
+
+    node, paths = controller_of('named', change=nobody), [tmp_path / 'a.mcap', tmp_path / 'b.mcap']
+    with ur5(recording=paths[0]) as recorded, ur5() as arm:
+        for one in (recorded, arm):
+            one.spin(0.1, node, allow_rejected={'unknown_names'})
+        assert arm.record_again(paths[1]) == ''
+    for path in paths:
+        assert read_log(path)['/sim_arm/rejected_counts'].data[0].startswith('joint_commands unk')
+        assert pfd_main(['replay', str(path), '--verify']) == 0
+        assert 'every bit equal' in capsys.readouterr().out
 
 
 @pytest.mark.ros
@@ -686,6 +707,19 @@ def test_a_node_whose_ends_do_not_match_those_of_the_arm_is_named_and_the_remedy
         with ur5(ros_args=['-p', advice[1]]) as arm:
             assert len(arm.spin(0.1, node).time) == 100
     node.destroy_node()
+
+
+@pytest.mark.ros
+def test_a_run_that_cannot_begin_leaves_no_node_in_the_domain(
+    controller_of: Callable[..., Any],
+) -> None:
+    from rclpy.exceptions import InvalidTopicNameException
+
+    node = controller_of()
+    with ur5(command_topic='bad topic') as arm, pytest.raises(InvalidTopicNameException):
+        arm.spin(0.1, node)
+    with ur5() as arm:
+        assert len(arm.spin(0.1, node).time) == 100
 
 
 @pytest.mark.ros

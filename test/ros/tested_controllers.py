@@ -134,6 +134,9 @@ def node_of(kind: str, fault: str = '') -> Any:
                 self.slow *= 1.0 + 1e-9 * self.get_clock().now().nanoseconds % 0.01
             if kind in ('states', 'twice', 'pairs', 'both'):
                 self.send(pd(q, self.slow))
+            if kind == 'pairs':
+                # The barrier must wait for the end of the callback, not for a command.
+                time.sleep(0.002)
             if kind == 'pairs' or (kind == 'twice' and self.count == 60):
                 self.send(pd(q, 2.0 * self.slow))
             if kind == 'front':

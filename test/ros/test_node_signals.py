@@ -15,7 +15,7 @@ import time
 
 from bridge import verify_log
 import pytest
-from ros_processes import FAULTY, JOINTS, NODE, Process, Processes, environment
+from ros_processes import FAULTY, JOINTS, NODE, Process, Processes, call, environment
 from sampling import one_fast
 from waiting import PATIENCE, wait_until
 
@@ -226,9 +226,17 @@ def test_a_thread_that_ends_ends_the_node_with_a_closed_file(
 
 @pytest.mark.ros
 @pytest.mark.slow
-def test_a_step_that_never_ends_is_logged_and_the_file_is_closed(processes: Processes) -> None:
+def test_a_step_that_never_ends_is_logged_and_the_file_is_closed(
+    processes: Processes, peer_of
+) -> None:
+    from std_srvs.srv import Trigger
+
     arm = processes.faulty('stepping_hangs', '-p', 'recording:=arm.mcap')
     arm.wait_for_text('hangs')
+    # Nobody knows whether it will be done.
+    answer = call(peer_of(processes), Trigger, 'reset')
+    assert not answer.success
+    assert 'no answer within 0.5 s' in answer.message
     assert arm.end(INT) == 1
     assert 'stepping did not end within 1 s' in arm.text()
     assert verify_log(processes.folder / 'arm.mcap').cycles == 200

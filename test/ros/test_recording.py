@@ -31,6 +31,7 @@ from bridge import (
 )
 from mcap.reader import make_reader
 from mcap.records import Message
+from mcap.writer import Writer
 import pytest
 from recordings import NAMES, ROLES, Run, aside, busy, largest_file, simulate
 from waiting import PATIENCE, threads_named, wait_until
@@ -348,6 +349,19 @@ def test_a_message_that_cannot_be_written_ends_the_recording(tmp_path: Path) -> 
     run.recorder.put([ArmMessage('tip_pose', b'')], 0)
     wait_until(lambda: run.recorder.error)
     check_ended(run, "'tip_pose' has no topic")
+
+
+def test_any_error_while_writing_ends_the_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise IndexError('no such part')
+
+    run = Run(tmp_path / 'run.mcap')
+    monkeypatch.setattr(Writer, 'add_message', fail)
+    run.step()
+    wait_until(lambda: run.recorder.error)
+    check_ended(run, 'no such part')
 
 
 def test_what_comes_after_closing_is_not_recorded(

@@ -46,7 +46,7 @@ HERE = host_target().cpu
 on_x86 = pytest.mark.skipif(not X86, reason='the processors are of x86-64')
 RUNNABLE = [cpu for cpu in LEVELS if X86 and not missing_features(cpu)]
 # The files whose tests run code for every processor.
-TESTED = ('test_kernels_*.py', 'test_simulation*.py', 'test_brakes.py')
+TESTED = ('test_kernels_*.py', 'test_simulation*.py', 'test_brakes_and_payloads.py')
 LIFETIME = 3600  # [s] of a run of these tests; far above what it takes
 # Objects of Linux, macOS and Windows.
 OBJECT = re.compile(rb'\x7fELF|\xcf\xfa\xed\xfe|\x64\x86')

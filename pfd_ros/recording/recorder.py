@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 FLUSH_SECONDS, SYNC_SECONDS = 0.1, 1.0
 # Longest wait for a disk that does not respond.
 DISK_SECONDS = 30.0
-# Most bytes of the messages that wait for the disk: minutes of an arm at 1 kHz. Each message
+# Most bytes of messages that wait for the disk: about a minute of an arm at 1 kHz. Each message
 # counts with EACH_BYTES more, of the tuple and the bytes object that hold it.
 QUEUE_BYTES, EACH_BYTES = 1 << 26, 200
 # Compressing a chunk of this size takes a millisecond, in which the arm does not step.

@@ -64,7 +64,7 @@ def record(
         clock = patch.object(time, 'monotonic_ns', lambda: engine.stamp_ns - first_ns)
         patches.enter_context(clock)
         patches.enter_context(patch.object(time, 'time_ns', lambda: START_NS))
-        recorder = LogRecorder(target, engine, names)
+        recorder = LogRecorder(target, engine, names, print)
 
         def put(found: list[ArmMessage]) -> None:
             recorder.put([m for m in found if m.role in names], engine.stamp_ns)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+import time
 
 from bridge import overshoot, settling_time
 import numpy as np
@@ -249,3 +250,18 @@ def test_the_tip_of_a_planar_arm_is_where_its_angles_say() -> None:
         found.assert_tip_tracks(tip[0], within=1e-3)
     with pytest.raises(ValueError, match='the motion has no robot'):
         motion(TIME, np.zeros((101, 2))).tip()
+
+
+def test_the_time_of_a_controller_is_asserted_and_its_bound_named() -> None:
+    def slow(_t: float, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        time.sleep(0.002)
+        return np.zeros(1)
+
+    with LockstepArm(WHEEL) as arm:
+        run = arm.run(slow, 0.01)
+    # A sleep is never shorter; how much longer depends on the machine.
+    run.assert_computes_within(60.0)
+    with pytest.raises(AssertionError, match=r'expected at most 1 ms'):
+        run.assert_computes_within(0.001)
+    with pytest.raises(ValueError, match=r'quantile is 2, expected 0 to 1'):
+        run.assert_computes_within(0.001, quantile=2)

@@ -53,7 +53,7 @@ PAGES: Sequence[Page] = (
     Page('counts', 'steps of every method on emulated processors compared with the paper'),
     Page('claims', "the paper's sentences and equations, each with a verdict"),
     Page('array', 'the triangular array cycle by cycle, recursive doubling and set ordering'),
-    Page('networks', 'time of every method on networks between processors'),
+    Page('since-1987', 'methods since 1987, networks between processors, fewer processors'),
 )
 
 

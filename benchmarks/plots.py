@@ -44,8 +44,13 @@ def panels(
         axes.set(**settings)
         for points, style in lines:
             axes.plot([x for x, _ in points], [y for _, y in points], **style)
-    handles, labels = found[0].get_legend_handles_labels()
+    # One entry for the lines of equal label in several panels.
+    entries = {
+        label: handle
+        for axes in found
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
     place: dict[str, Any] = {'loc': 'outside lower center', 'fontsize': 9, 'frameon': False}
-    figure.legend(handles, labels, ncols=columns, columnspacing=1.2, **place)
+    figure.legend(entries.values(), entries, ncols=columns, columnspacing=1.2, **place)
     figure.savefig(path, dpi=110)
     return [path]

@@ -41,7 +41,7 @@ from benchmarks.cases.paper import (
 )
 from benchmarks.cases.robots import uniform_chain
 from benchmarks.pages import counts
-from benchmarks.pages.networks import (
+from benchmarks.pages.since_1987 import (
     NETWORKS,
     ONE,
     PACKED,
@@ -218,7 +218,7 @@ def stored(name: str) -> dict[str, list[Row]]:
 
 @pytest.fixture(scope='module')
 def written() -> list[Row]:
-    return stored('networks')['recordings']
+    return stored('since-1987')['recordings']
 
 
 @pytest.fixture(scope='module')

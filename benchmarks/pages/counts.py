@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Steps of every system compared with the paper, on fewer processors, and iterations of PCGM.
+Steps of every system compared with the paper, speed-up over n, and iterations of PCGM.
 
 texts/counts.md defines steps, editions, speed-up and efficiency. Divisions are counted apart, too.
 Of PCGM every iterate is observed while the emulator runs the counted program, for the residual
@@ -12,6 +12,7 @@ into the other operations, so that iterations and errors are the same on every m
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,18 +21,17 @@ from benchmarks.cases import paper
 from benchmarks.cases.paper import CORRECTED, EDITIONS, KINDS, PRINTED_AT, value
 from benchmarks.cases.problems import seeded_states
 from benchmarks.cases.robots import Array, uniform_chain
+from benchmarks.plots import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, panels
 from benchmarks.run import each
 from benchmarks.table import Columns, Row, grid, order, page, shown, stored_table, table
 from benchmarks.timing import differences
-from pfd_core.dynamics.methods import FORWARD, METHODS, SERIAL
+from pfd_core.dynamics.methods import FORWARD, METHODS
 from pfd_core.kernels.sines import expand_sines
 from pfd_core.machine.emulator import run
 from pfd_core.model import Robot, resolve
 from pfd_core.paper.conjugate import record_pcgm
 
 SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 24, 32, 48, 64)
-# Joints, and numbers of processors: divisors, and for 6 joints also 4.
-PROCESSORS = {6: (1, 2, 3, 4, 6), 12: (1, 2, 3, 4, 6, 12), 64: (1, 2, 4, 8, 16, 32, 64)}
 COUNTED = (*METHODS, 'constraint_forces')
 # Iterations of PCGM to an error: joints, states of each, and errors.
 PCGM_SIZES, STATES = (2, 3, 4, 5, 6, 8, 12, 16, 24, 32, 48, 64), 100
@@ -42,23 +42,13 @@ def measure(quick: bool) -> dict[str, Any]:
     """Count every system, and iterations; quick is six joints only."""
     sizes = (PRINTED_AT,) if quick else SIZES
     systems = [(x, n, edition) for n in sizes for x in COUNTED for edition in paper.editions_of(x)]
-    fewer = [
-        (method, n, edition, p)
-        for n in sizes
-        for p in PROCESSORS.get(n, ())
-        for method in METHODS
-        if method not in SERIAL
-        for edition in paper.editions_of(method)[-2:]
-    ]
-    found = each(_row, [*systems, *fewer], 'counting steps', lambda key: key[1])
+    counts = each(_row, systems, 'counting steps', lambda key: key[1])
     studied = [n for n in PCGM_SIZES if n in sizes]
     reached = each(reached_by, studied, 'iterations of PCGM', int)
-    counts = found[: len(systems)]
     return {
         'counts': counts,
         'serial': [best_serial(counts, n) for n in sizes],
         'parts': list(counted_parts(PRINTED_AT)),
-        'processors': found[len(systems) :],
         'reached': [row for rows in reached for row in rows],
     }
 
@@ -151,13 +141,13 @@ def efficiency(x: Row, over: str, routed: bool = False) -> float:
     return speed_up(x, over, routed) / float(x['units'])
 
 
-def with_baselines(data: Mapping[str, Any], name: str = 'counts') -> list[dict[str, Any]]:
+def with_baselines(rows: Iterable[Row], serial: Iterable[Row]) -> list[dict[str, Any]]:
     """Return rows with `best` and `published`, the arithmetic of one processor; not of PCGM."""
-    known = {x['n']: x for x in data['serial']}
+    known = {x['n']: x for x in serial}
     # Iterations depend on the state.
     return [
-        x | {key: None if x['iterations'] else known[x['n']][key] for key in ('best', 'published')}
-        for x in data[name]
+        {**x, **{k: None if x['iterations'] else known[x['n']][k] for k in ('best', 'published')}}
+        for x in rows
     ]
 
 
@@ -168,8 +158,8 @@ def _printed() -> int:
 
 def summary(counts: Mapping[str, Any], claims: Mapping[str, Any]) -> str:
     """Return the speed-ups of PCRBM and the verdicts in two sentences, from both pages' data."""
-    rows = [x for x in with_baselines(counts) if (x['system'], x['n']) == ('pcrbm', PRINTED_AT)]
-    executed, _, own = rows
+    found = (x for x in counts['counts'] if (x['system'], x['n']) == ('pcrbm', PRINTED_AT))
+    executed, _, own = with_baselines(found, counts['serial'])
     return page(
         'paper-summary',
         printed=f'{executed["published"] / _printed():.2f}',
@@ -188,11 +178,10 @@ Cell = Callable[[Row], object]
 
 def text(data: dict[str, Any]) -> str:
     """Return the page."""
-    rows = with_baselines(data)
+    rows = with_baselines(data['counts'], data['serial'])
     at = [x for x in rows if x['n'] == PRINTED_AT]
     serial = next(x for x in data['serial'] if x['n'] == PRINTED_AT)
     printed, published = _printed(), int(serial['published'])
-    ratios = _two(speed_up, 'best', '.2f')
     return page(
         'counts',
         n=PRINTED_AT,
@@ -201,11 +190,9 @@ def text(data: dict[str, Any]) -> str:
         published=published,
         printed=printed,
         printed_speed_up=f'{published / printed:.2f}',
-        systems=table(SYSTEMS, at),
+        systems=table(SYSTEMS, (x for x in at if x['system'] in paper.TABLE)),
         claims=table(CLAIMS, _claims(at)),
         parts=table(PARTS, data['parts']),
-        speed_up=grid({(x['title'], x['n']): ratios(x) for x in rows if x['best']}, 'system'),
-        processors=table({'n': 'n', **SYSTEMS}, with_baselines(data, 'processors')),
         states=STATES,
         reached=grid(
             {(x['n'], 'after n'): AFTER_N.format(**x) for x in data['reached']}
@@ -270,3 +257,47 @@ PARTS: Columns = {
 # Cells of the table of iterations.
 AFTER_N = '{error_after_n:.0e} / {worst_after_n:.0e}'
 REACHED = '{median} / {worst} / {within_n:.0%}'
+
+# Lines of the plot over each baseline: system, edition, whether a route is a step, and the style.
+ROUTED = {'linestyle': '--'}
+OVER_PUBLISHED: tuple[tuple[str, str, bool, dict[str, Any]], ...] = (
+    ('pcrbm', EDITIONS[0], False, {'color': VERMILLION, 'marker': 'o'}),
+    ('pcrbm', CORRECTED, False, {'color': BLUE, 'marker': 's'}),
+    ('pcrbm', CORRECTED, True, {'color': BLUE, 'marker': 's', **ROUTED}),
+)
+OVER_BEST: tuple[tuple[str, str, bool, dict[str, Any]], ...] = (
+    *OVER_PUBLISHED[1:],
+    ('pcrbm', EDITIONS[2], False, {'color': GREEN, 'marker': '^'}),
+    ('pcrbm', EDITIONS[2], True, {'color': GREEN, 'marker': '^', **ROUTED}),
+    ('pcrbm_array', EDITIONS[2], True, {'color': PURPLE, 'marker': 'D', **ROUTED}),
+    ('articulated_body_doubling', EDITIONS[2], True, {'color': ORANGE, 'marker': 'v', **ROUTED}),
+    ('divide_and_conquer', EDITIONS[2], True, {'color': SKY, 'marker': 'P', **ROUTED}),
+    ('constraint_forces', EDITIONS[2], True, {'color': GREY, 'marker': 'X', **ROUTED}),
+)
+
+
+def plots(data: dict[str, Any], folder: Path) -> list[Path]:
+    """Draw the speed-up over n, as the paper's formula gives it and as executed."""
+    rows = with_baselines(data['counts'], data['serial'])
+    sizes = [x['n'] for x in data['serial']]
+    claim = [(n, paper.published_serial(n) / float(sum(paper.claimed('pcrbm', n)))) for n in sizes]
+    printed = (claim, {'color': BLACK, 'marker': '*', 'label': "PCRBM, the paper's formula"})
+
+    def lines(what: Iterable[tuple[str, str, bool, dict[str, Any]]], over: str) -> Iterator[Any]:
+        for system, edition, routed, style in what:
+            own = [x for x in rows if (x['system'], x['edition']) == (system, edition)]
+            label = own and own[0]['title'] + ', with routes' * routed
+            if own:
+                points = [(x['n'], speed_up(x, over, routed)) for x in own]
+                yield points, {'markersize': 4, 'label': label, **style}
+
+    left = [printed, *lines(OVER_PUBLISHED, 'published')]
+    right = list(lines(OVER_BEST, 'best'))
+    most = max(y for points, _ in (*left, *right) for _, y in points)
+    axes = {'xlabel': 'joints, n', 'xticks': sizes[::2], 'xticklabels': sizes[::2]}
+    axes |= {'ylabel': 'speed-up', 'yscale': 'linear', 'ylim': (0, 1.05 * most)}
+    content = [
+        (axes | {'title': "over Table 1's least serial count"}, left),
+        (axes | {'title': 'over our least serial count'}, right),
+    ]
+    return panels(content, folder / 'speed-up.png', (10, 5.6), 2)

@@ -1,26 +1,32 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Time of every system on every network, over the price of a route.
+Methods since 1987, and what the paper leaves open: networks, and fewer processors than joints.
 
-The time of a recording is a line over t_r: its arithmetic, and its steps of routes times t_r.
-texts/networks.md defines both, and the networks.
+The time of a recording on a network is a line over t_r: its arithmetic, and its steps of routes
+times t_r. texts/since-1987.md defines both, and the networks.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from benchmarks.cases import paper
 from benchmarks.cases.paper import BEST_KNOWN, PRINTED_AT, Recording
+from benchmarks.pages.counts import best_serial, efficiency, speed_up, with_baselines
 from benchmarks.run import each
-from benchmarks.table import Row, lines_of, page, table
-from pfd_core.dynamics.methods import ITERATIVE, METHODS, SERIAL
+from benchmarks.table import Columns, Row, grid, lines_of, page, table
+from pfd_core.dynamics.methods import FORWARD, ITERATIVE, METHODS, SERIAL
 
 SIZES = (2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 64)
+# Joints, and numbers of processors: divisors, and for 6 joints also 4.
+PROCESSORS = {6: (1, 2, 3, 4, 6), 12: (1, 2, 3, 4, 6, 12), 64: (1, 2, 4, 8, 16, 32, 64)}
+# Methods that are not the paper's, those of one processor last.
+OTHERS = tuple(x for x in FORWARD if x not in paper.TABLE and not x.endswith('_1987'))
 # Prices t_r/t_m over n.
 PRICES = (0.0, 0.25, 1.0, 4.0)
+PRICES_SHOWN = (1.0, 4.0)
 # Times of arithmetic, t_m = 1; sines, which the paper takes as given, have none.
 WEIGHTS = {'multiplications': 1.0, 'additions': 1.0, 'divisions': 4.0, 'square_roots': 4.0}
 NETWORKS = {
@@ -44,16 +50,33 @@ SYSTEMS = {
 }
 NAMES = ('one processor', 'PCRBM', 'array', 'PCGM', 'divide and conquer', 'constraint forces')
 SHORT = dict(zip(SYSTEMS, NAMES, strict=True))
+SHORT_TITLES = SHORT | {'pcrbm_base_origin': 'PCRBM about the base origin'}
 PACKED, UNPACKED = 'packed', 'one lane per link'
 SCHEDULES = {'parallel': PACKED, 'unpacked': UNPACKED, 'sequential': ''}
 
 
 def measure(quick: bool) -> dict[str, Any]:
-    """Record and route every system; quick is six joints only."""
+    """Count every method, and route every system; quick is six joints only."""
     sizes = (PRINTED_AT,) if quick else SIZES
     items = [(system, n) for n in sizes for system in SYSTEMS]
     found = each(recorded, items, 'routing of each system', lambda one: one[1])
-    return {'recordings': [row for rows in found for row in rows]}
+    serial = [x for x in METHODS if x in SERIAL and x not in ITERATIVE]
+    alone = [(x, n) for n in sizes for x in serial]
+    others = [(x, n) for n in sizes for x in OTHERS]
+    parallel = [x for x in METHODS if x not in SERIAL]
+    fewer = [(x, n, BEST_KNOWN, p) for n in sizes for p in PROCESSORS.get(n, ()) for x in parallel]
+    counts = each(counted, [*alone, *others, *fewer], 'counting steps', lambda key: key[1])
+    return {
+        'serial': [best_serial(counts[: len(alone)], n) for n in sizes],
+        'methods': counts[len(alone) : len(alone) + len(others)],
+        'processors': counts[len(alone) + len(others) :],
+        'recordings': [row for rows in found for row in rows],
+    }
+
+
+def counted(key: tuple[Any, ...]) -> dict[str, Any]:
+    """Return the counts of a method at an n, an edition and a number of processors."""
+    return paper.row(*key)
 
 
 def recorded(item: tuple[str, int]) -> list[dict[str, Any]]:
@@ -116,30 +139,60 @@ def system_time(rows: Iterable[Row], system: str, n: int, network: str, price: f
 
 # ---- the page ----
 
+METHOD_COLUMNS: Columns = {
+    'n': 'n',
+    'method': 'title',
+    'processors': 'processors',
+    'multiplications': 'multiplications',
+    'additions': 'additions',
+    'routes': 'routes',
+    'with one lane per link': lambda x: ', '.join(
+        str(x[f'unpacked_{kind}']) for kind in ('multiplications', 'additions', 'routes')
+    ),
+    'speed-up, alone / with routes': lambda x: _two(speed_up, x, '.2f'),
+}
+
 
 def text(data: dict[str, Any]) -> str:
     """Return the page."""
     rows = data['recordings']
     sizes = sorted({row['n'] for row in rows})
+    methods, fewer = (with_baselines(data[x], data['serial']) for x in ('methods', 'processors'))
     return page(
-        'networks',
+        'since-1987',
         n=PRINTED_AT,
         division=f'{WEIGHTS["divisions"]:g}',
         root=f'{WEIGHTS["square_roots"]:g}',
+        methods=table(METHOD_COLUMNS, (x for x in methods if x['n'] in (PRINTED_AT, sizes[-1]))),
         lines=table(
             {'recording': _recording, 'arithmetic': lambda x: f'{x["arithmetic"]:g}'}
             | {title: network for network, title in NETWORKS.items()},
-            (row for row in rows if row['n'] == PRINTED_AT),
+            (row for row in rows if (row['n'], row['edition']) == (PRINTED_AT, BEST_KNOWN)),
         ),
         fastest=lines_of(
             ['network, t_r/t_m', *sizes],
             (
                 [f'{title}, {price:g}', *(_fastest(rows, n, network, price) for n in sizes)]
                 for network, title in NETWORKS.items()
-                for price in PRICES
+                for price in PRICES_SHOWN
             ),
         ),
+        processors=grid({_place(x): _ratios(x) for x in fewer if x['best']}, 'joints, processors'),
     )
+
+
+def _two(ratio: Callable[..., float], x: Row, form: str) -> str:
+    """Return a ratio to the best serial method by arithmetic alone / with routes."""
+    return ' / '.join(format(ratio(x, 'best', routed), form) for routed in (False, True))
+
+
+def _place(x: Row) -> tuple[str, str]:
+    return f'{x["n"]}, {x["processors"]}', SHORT_TITLES[x['system']]
+
+
+def _ratios(x: Row) -> str:
+    """Return speed-up and efficiency of a method on some processors."""
+    return f'{_two(speed_up, x, ".2f")} ({_two(efficiency, x, ".0%")})'
 
 
 def _recording(row: Row) -> str:

@@ -22,14 +22,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import cache
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.arm.events import DESCRIPTION, TF, TF_STATIC, Message
-from pfd_ros.messages.numbers import TransformEncoder
+from pfd_ros.messages.numbers import transform_encoder
 from pfd_ros.messages.text_and_arrays import encode_string
 
 # A link that turns about z of the base.
@@ -59,8 +59,6 @@ class LinkFrames:
     ----------
     roles
         The roles of all messages.
-    every
-        As given.
 
     Raises
     ------
@@ -75,122 +73,65 @@ class LinkFrames:
             raise ValueError(
                 f'{DESCRIPTION} has {len(urdf.joints)} joints and {len(urdf.links)} links: no tree'
             )
-        self._text = urdf.text
-        self.every = every
-        rules = _rules(urdf, moving, locked)
-        joints = urdf.joints.values()
-        moved = [joint for joint in joints if rules[joint.name].leader is not None]
-        fixed = [joint for joint in joints if rules[joint.name].leader is None]
-        followed = [rules[joint.name] for joint in moved]
-        places = {name: place for place, name in enumerate(moving)}
-        self._sources = np.array([places[str(rule.leader)] for rule in followed], np.intp)
-        self._factors = np.array([rule.multiplier for rule in followed], float)
-        self._offsets = np.array([rule.offset for rule in followed], float)
-        self._transforms = _Transforms(moved)
-        self._encoder = TransformEncoder([(joint.parent, joint.child) for joint in moved])
-        self._fixed_encoder = TransformEncoder([(joint.parent, joint.child) for joint in fixed])
-        positions = np.array([rules[joint.name].offset for joint in fixed], float)
-        self._fixed_numbers = _Transforms(fixed).at(positions)
-        present = {DESCRIPTION: True, TF_STATIC: every and fixed, TF: every and moved}
+        self.every, self._urdf, self._moving, self._locked = every, urdf, moving, dict(locked)
+        still = urdf.with_followers(self._locked)
+        moved = self._positions(np.zeros(len(moving))).keys() - (still.keys() - {*moving})
+        self._moved = _Transforms([j for name, j in urdf.joints.items() if name in moved])
+        self._fixed = _Transforms([j for name, j in urdf.joints.items() if name not in moved])
+        self._still = still
+        present = {
+            DESCRIPTION: True,
+            TF_STATIC: every and self._fixed.names,
+            TF: every and self._moved.names,
+        }
         self.roles = frozenset(role for role, there in present.items() if there)
+
+    def _positions(self, q: NDArray[Any]) -> dict[str, float]:
+        """Return the positions of joints that move or are locked, and of their followers."""
+        return self._urdf.with_followers(
+            {**self._locked, **dict(zip(self._moving, q.tolist(), strict=True))}
+        )
 
     def opening(self, stamp_ns: int) -> list[Message]:
         """Return the first messages of a recording: the URDF, and the frames that never move."""
-        found = [Message(DESCRIPTION, encode_string(self._text))]
+        found = [Message(DESCRIPTION, encode_string(self._urdf.text))]
         if TF_STATIC in self.roles:
-            data = self._fixed_encoder.encode(stamp_ns, self._fixed_numbers)
-            found.append(Message(TF_STATIC, data))
+            found.append(Message(TF_STATIC, self._fixed.encode(stamp_ns, self._still)))
         return found
 
     def encode(self, stamp_ns: int, q: NDArray[Any]) -> bytes:
         """Return the message of the other frames at positions (n,), model order."""
-        positions = self._factors * q[self._sources] + self._offsets
-        return self._encoder.encode(stamp_ns, self._transforms.at(positions))
-
-
-def _rules(urdf: pfd.Urdf, moving: Sequence[str], locked: Mapping[str, float]) -> dict[str, _Rule]:
-    """Return the rule for the position of each joint of a URDF, by name.
-
-    Joints that mimic one in `moving` follow it. Locked joints have their positions, and others
-    are at 0.
-    """
-    rules: dict[str, _Rule] = {}
-    for name in urdf.joints:
-        if name in moving:
-            rules[name] = _Rule(name, 1.0, 0.0)
-        elif name in locked:
-            rules[name] = _Rule(None, 0.0, locked[name])
-    # Of joints that mimic others that mimic others, each round finds some.
-    following = True
-    while following:
-        following = False
-        for joint in urdf.joints.values():
-            mimic = joint.mimic
-            if mimic is not None and joint.name not in rules and mimic.leader in rules:
-                leader, multiplier, offset = rules[mimic.leader]
-                factor = mimic.multiplier
-                rules[joint.name] = _Rule(
-                    leader, factor * multiplier, factor * offset + mimic.offset
-                )
-                following = True
-    return {name: rules.get(name, _Rule(None, 0.0, 0.0)) for name in urdf.joints}
-
-
-class _Rule(NamedTuple):
-    """The position of a joint: multiplier * the leader's + offset, or offset without one."""
-
-    leader: str | None
-    multiplier: float
-    offset: float
+        return self._moved.encode(stamp_ns, self._positions(q))
 
 
 class _Transforms:
-    """The transforms of k joints, from parent to child link, as functions of their positions."""
+    """The transforms of joints, from parent to child link, as functions of their positions."""
 
     def __init__(self, joints: Sequence[Any]) -> None:
+        self.names = [joint.name for joint in joints]
+        self._encoder = transform_encoder([(joint.parent, joint.child) for joint in joints])
         count = len(joints)
         self._still, self._slide = np.zeros((2, count, 3))
-        # Factors of cosine and sine in the quaternion.
+        # Factors of cosine and sine of half the angle in the quaternion.
         self._cosine, self._sine = np.zeros((2, count, 4))
         self._halves = np.array([0.5 if joint.kind in TURNING else 0.0 for joint in joints])
-        self._slides = any(joint.kind == SLIDING for joint in joints)
         for k, joint in enumerate(joints):
             origin, axis = _quaternion(joint.origin.rpy), (*_unit(joint.axis), 0.0)
-            self._still[k] = joint.origin.xyz
-            self._cosine[k] = origin
+            self._still[k], self._cosine[k] = joint.origin.xyz, origin
             if joint.kind in TURNING:
                 self._sine[k] = _times(origin, axis)
             elif joint.kind == SLIDING:
                 x, y, z, w = origin
                 self._slide[k] = _times(_times(origin, axis), (-x, -y, -z, w))[:3]
-        self._turns = _Turns(count)
-        self._numbers = np.zeros((count, 7))
-        self._numbers[:, :3] = self._still
 
-    def at(self, positions: NDArray[Any]) -> NDArray[Any]:
-        """Return the numbers (k, 7) of the transforms at positions (k,), until the next call."""
-        cosine, sine = self._turns.at(self._halves * positions)
-        if self._slides:
-            self._numbers[:, :3] = self._still + self._slide * positions[:, None]
-        np.add(self._cosine * cosine, self._sine * sine, out=self._numbers[:, 3:])
-        return self._numbers
-
-
-class _Turns:
-    """Cosine and sine of k angles, by a kernel."""
-
-    def __init__(self, count: int) -> None:
-        self._angles, poses = np.zeros((count, 1)), np.zeros((count, 4, 4))
-        self._cosine, self._sine = poses[:, 0, :1], poses[:, 1, :1]
-        places = zip(self._angles, poses, strict=True)
-        self._evaluate = [_turn().bind(angle, out=pose) for angle, pose in places]
-
-    def at(self, angles: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return cosine and sine, (k, 1) each, of angles (k,) in rad, until the next call."""
-        self._angles[:, 0] = angles
-        for evaluate in self._evaluate:
-            evaluate()
-        return self._cosine, self._sine
+    def encode(self, stamp_ns: int, positions: Mapping[str, float]) -> bytes:
+        """Return the message at positions by joint; joints without one are at zero."""
+        # No negative zeros.
+        at = np.array([positions.get(name, 0.0) for name in self.names]) + 0.0
+        cosine, sine = _cosine_and_sine(self._halves * at)
+        place = self._still + self._slide * at[:, None] if self._slide.any() else self._still
+        turn = self._cosine * cosine + self._sine * sine
+        return self._encoder.encode(stamp_ns, np.hstack([place, turn]))
 
 
 @cache
@@ -199,9 +140,15 @@ def _turn() -> Any:
     return pfd.compile_kernel(pfd.load_robot(TURN), quantity='tip_pose')
 
 
+def _cosine_and_sine(angles: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return cosine and sine, (k, 1) each, of angles (k,) in rad."""
+    poses = _turn()(angles[:, None])
+    return poses[:, 0, :1], poses[:, 1, :1]
+
+
 def _quaternion(rpy: Sequence[float]) -> Quaternion:
     """Return the rotation by roll, pitch and yaw about fixed axes as x, y, z, w."""
-    cosine, sine = _Turns(3).at(0.5 * np.array(rpy, float))
+    cosine, sine = _cosine_and_sine(0.5 * np.array(rpy, float))
     (a, b, c), (d, e, f) = cosine[:, 0].tolist(), sine[:, 0].tolist()
     roll, pitch, yaw = (d, 0.0, 0.0, a), (0.0, e, 0.0, b), (0.0, 0.0, f, c)
     return _times(_times(yaw, pitch), roll)

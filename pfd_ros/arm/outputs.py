@@ -33,16 +33,17 @@ from pfd_ros.arm.events import OPTIONAL, ROLES, Message
 from pfd_ros.arm.frames import LinkFrames
 from pfd_ros.arm.plant import Plant
 from pfd_ros.arm.state import ACTED
-from pfd_ros.messages.joints import JointEncoder
-from pfd_ros.messages.numbers import NumbersEncoder, encode_clock, encode_numbers
-from pfd_ros.messages.text_and_arrays import ArrayEncoder
+from pfd_ros.messages.cdr import Encoder
+from pfd_ros.messages.joints import joint_encoder
+from pfd_ros.messages.numbers import encode_clock, encode_numbers, numbers_encoder
+from pfd_ros.messages.text_and_arrays import array_encoder
 from pfd_ros.messages.types import INERTIA, JOINT_STATE, POSE, WRENCH
 
 TWIST_AXES = ('vx', 'vy', 'vz', 'wx', 'wy', 'wz')
 ENERGIES = ('kinetic', 'potential', 'power')
 Values = Callable[[], NDArray[Any]]
-# From the stamp of the cycle to the message.
-Writer = Callable[[int], bytes]
+# An output: its encoder, and a function that returns its numbers in this cycle.
+Writer = tuple[Encoder, Values]
 
 
 class Outputs:
@@ -52,7 +53,7 @@ class Outputs:
         settings = arm.state.first
         self.arm, self.frames = arm, frames
         self._states, self._payload = events.STATES in roles, events.PAYLOAD_IN_USE in roles
-        self._encoder = JointEncoder(arm.names, settings.frame_id, arm.locked)
+        self._encoder = joint_encoder(arm.names, settings.frame_id, arm.locked)
         clock = settings.publish_clock and events.CLOCK in roles
         self._clock_every = settings.clock_every if clock else 0
         tf = frames is not None and events.TF in frames.roles and events.TF in roles
@@ -71,9 +72,7 @@ class Outputs:
     def _bind(self) -> None:
         """Bind kernels to the plant of the arm, which is another one now."""
         self._plant = self.arm.plant
-        self._writers = [
-            (role, _WRITERS.get(role, _quantity)(self, role)) for role in self._further
-        ]
+        self._writers = [(x, *_WRITERS.get(x, _quantity)(self, x)) for x in self._further]
 
     def add_payload(self, messages: list[Message]) -> None:
         """Add the message about the payload, which acts for the first time in this cycle."""
@@ -94,8 +93,9 @@ class Outputs:
             if self._plant is not arm.plant:
                 self._bind()
             self.row[:], self.wrench[:] = state.rows[state.now], state.wrench[ACTED]
-            for role, write in self._writers:
-                messages.append(Message(role, write(stamp_ns), state.cycle))
+            for role, encoder, values in self._writers:
+                data = encoder.encode(stamp_ns, _finite(values()))
+                messages.append(Message(role, data, state.cycle))
 
     def add_clock(self, messages: list[Message], *, again: bool = False) -> None:
         """Add the tick and the frames of this cycle; with `again` the tick alone, at any cycle."""
@@ -124,61 +124,58 @@ class Outputs:
 
 
 def _true_states(given: Outputs, role: str) -> Writer:
-    arm, settings = given.arm, given.arm.state.first
-    encoder = JointEncoder(arm.names, settings.frame_id, settings.published_locks)
-    return lambda stamp_ns: encoder.encode(stamp_ns, given.row[:, arm.order])
+    arm = given.arm
+    encoder = joint_encoder(arm.names, arm.state.first.frame_id, arm.locked)
+    return encoder, lambda: given.row[:, arm.order]
 
 
 def _acceleration(given: Outputs, role: str) -> Writer:
     arm = given.arm
-    encoder = ArrayEncoder([('joint', arm.names)])
 
-    def write(stamp_ns: int) -> bytes:
+    def values() -> NDArray[Any]:
         if arm.state.failure:
-            return encoder.encode(np.zeros(len(arm.names)))
-        qdd = arm.plant.simulator.accelerations(arm.state.simulation)
-        return encoder.encode(_finite(qdd[arm.order]))
+            return np.zeros(len(arm.names))
+        qdd: NDArray[Any] = arm.plant.simulator.accelerations(arm.state.simulation)[arm.order]
+        return qdd
 
-    return write
+    return array_encoder([('joint', arm.names)]), values
 
 
 def _tip_wrench(given: Outputs, role: str) -> Writer:
-    encoder = NumbersEncoder(WRENCH, given.arm.robot.tip)
-    return lambda stamp_ns: encoder.encode(stamp_ns, given.wrench)
+    return numbers_encoder(WRENCH, given.arm.robot.tip), lambda: given.wrench
 
 
 def _energy(given: Outputs, role: str) -> Writer:
-    encoder, evaluate = ArrayEncoder([('item', ENERGIES)]), given.bound(role)
-    order = given.arm.order
+    evaluate, order = given.bound(role), given.arm.order
 
-    def write(stamp_ns: int) -> bytes:
+    def values() -> NDArray[Any]:
         power = 0.0
         # One after the other: the order in which NumPy and newer Pythons sum is theirs.
         for each in (given.tau * given.qd)[order].tolist():
             power += each
-        return encoder.encode(_finite(np.append(evaluate(), power)))
+        return np.append(evaluate(), power)
 
-    return write
+    return array_encoder([('item', ENERGIES)]), values
 
 
 def _quantity(given: Outputs, role: str) -> Writer:
     """Write a quantity of the model: an axis of n elements has the joints in published order."""
     row, arm, evaluate = ROLES[role], given.arm, given.bound(role)
     if row.type == POSE:
-        pose = NumbersEncoder(POSE, arm.robot.base)
-        return lambda stamp_ns: pose.encode(stamp_ns, _finite(position_and_quaternion(evaluate())))
+        encoder = numbers_encoder(POSE, arm.robot.base)
+        return encoder, lambda: position_and_quaternion(evaluate())
     joints = arm.names, arm.order
     axes = [
         joints if length == 'n' else (TWIST_AXES, range(len(TWIST_AXES)))
         for length in pfd.QUANTITIES[row.quantity].shape
     ]
-    order = np.ix_(*(places for _, places in axes))
     if row.type == JOINT_STATE:
-        efforts = JointEncoder(arm.names, arm.state.first.frame_id, fields=('effort',))
-        return lambda stamp_ns: efforts.encode(stamp_ns, _finite(evaluate()[order]))
-    labels = ('joint',) if len(axes) == 1 else ('row', 'column')
-    array = ArrayEncoder([(label, names) for label, (names, _) in zip(labels, axes, strict=True)])
-    return lambda stamp_ns: array.encode(_finite(evaluate()[order]))
+        encoder = joint_encoder(arm.names, arm.state.first.frame_id, fields=('effort',))
+    else:
+        labels = ('joint',) if len(axes) == 1 else ('row', 'column')
+        encoder = array_encoder([(x, names) for x, (names, _) in zip(labels, axes, strict=True)])
+    order = np.ix_(*(places for _, places in axes))
+    return encoder, lambda: evaluate()[order]
 
 
 # By role; the others are quantities as they are.

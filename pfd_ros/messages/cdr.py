@@ -147,3 +147,34 @@ class Writer:
         start = len(self.data)
         self.data += numbers.tobytes()
         return start
+
+
+class Encoder:
+    """Writes messages that differ in a stamp and numbers alone: laid out once.
+
+    Parameters
+    ----------
+    data
+        A whole message.
+    numbers, index
+        A view of the float64 in `data`, and the places in it that `encode` fills.
+    stamps
+        Where the stamp is in `data`, perhaps several times.
+    """
+
+    def __init__(
+        self,
+        data: bytearray,
+        numbers: NDArray[Any],
+        index: Any = ...,
+        stamps: Sequence[int] = (STAMP,),
+    ) -> None:
+        self._data, self._numbers, self._index, self._stamps = data, numbers, index, stamps
+
+    def encode(self, stamp_ns: int, values: ArrayLike) -> bytes:
+        """Return the message of a stamp and of values in the shape of the places."""
+        time = divmod(stamp_ns, NANOSECONDS)
+        for place in self._stamps:
+            TIME.pack_into(self._data, place, *time)
+        self._numbers[self._index] = values
+        return bytes(self._data)

@@ -4,47 +4,93 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 import math
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rosbags.interfaces import Nodetype
+from rosbags.serde import SerdeError
+from rosbags.typesys.base import normalize_fieldname
 
 from pfd_ros.messages.cdr import HEADER, NANOSECONDS, STAMP, TIME, Reader
-from pfd_ros.messages.definitions import MessageType
+from pfd_ros.messages.definitions import definition_of, store_of, type_hash
 from pfd_ros.messages.joints import JOINT_FIELDS, decode_joints
+from pfd_ros.messages.types import JOINT_STATE
 
 # Bounds of padded rows of different lengths: elements, and their multiple of the filled ones.
 PADDED, MOST_PADDING = 1 << 20, 16
-# The fields of a JointState, in their order: type, and the number of sequences around it.
-JOINT_PATHS = {
-    'header.stamp.sec': ('int32', 0),
-    'header.stamp.nanosec': ('uint32', 0),
-    'header.frame_id': ('string', 0),
-    'name': ('string', 1),
-    **dict.fromkeys(JOINT_FIELDS, ('float64', 1)),
-}
+# What rosbags has in a type without fields.
+NOTHING = 'structure_needs_at_least_one_member'
+Value = Callable[[Any], Any]
 _NUMPY_TYPES = {'byte': 'u1', 'char': 'u1', 'octet': 'u1', 'string': 'O'}
 
 
-class Decoder(MessageType):
-    """Decodes messages of one type, many at once."""
+class Decoder:
+    """Decodes messages of one type by its definition.
+
+    Parameters
+    ----------
+    kind
+        Such as 'sensor_msgs/msg/JointState'.
+    definition
+        With all it uses (`ros2msg`), as a bag holds it; '' for a type of ROS 2 Jazzy.
+
+    Attributes
+    ----------
+    paths
+        Path of each primitive field -> its type, and the number of sequences it lies in.
+
+    Raises
+    ------
+    ValueError
+        If there is no such type, or its definition cannot be used.
+    """
 
     def __init__(self, kind: str, definition: str = '') -> None:
-        super().__init__(kind, definition)
-        # The commonest type has a decoder of its own; bags may have another one of its name.
-        self._of_joints = list(self.paths.items()) == list(JOINT_PATHS.items())
+        package, _, name = kind.rpartition('/')
+        self.kind = f'{package.removesuffix("/msg")}/msg/{name}'
+        self._store = store_of(self.kind, definition or definition_of(self.kind))
+        fields = list(self._fields(self.kind))
+        self.paths = {path: (primitive, rank) for path, primitive, rank, _ in fields}
+        self._values = {path: value_of for path, *_, value_of in fields}
+        # The commonest type has a decoder of its own; a bag may have another type of its name.
+        self._of_joints = self.kind == JOINT_STATE and (
+            self._store.hash_rihs01(self.kind) == type_hash(self.kind)
+        )
+
+    def _fields(self, kind: str) -> Iterator[tuple[str, str, int, Value]]:
+        """Yield path, type and rank of each primitive field, and a function with its value."""
+        described: Any = self._store.fielddefs[kind][1]
+        for name, (node, inner) in described:
+            value_of = attrgetter(normalize_fieldname(name))
+            many = node in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+            if many:
+                node, inner = inner[0]
+            if node == Nodetype.NAME:
+                link = _of_each if many else _of_one
+                for path, primitive, rank, nested in self._fields(inner):
+                    yield f'{name}.{path}', primitive, rank + many, link(value_of, nested)
+            elif name != NOTHING:
+                yield name, inner[0], int(many), value_of
 
     def decode(self, data: bytes) -> dict[str, Any]:
-        """Return the fields of a message by path, as MessageType does."""
-        if not self._of_joints:
-            return super().decode(data)
-        joints = decode_joints(data)
-        stamp = divmod(joints.stamp_ns, NANOSECONDS)
-        arrays = joints.position, joints.velocity, joints.effort
-        values = *stamp, joints.frame_id, joints.names, *arrays
-        return dict(zip(JOINT_PATHS, values, strict=True))
+        """Return the fields of a message by path; ValueError if the bytes are not such a message.
+
+        A field of several nested messages is a list with one value for each.
+        """
+        if self._of_joints:
+            joints = decode_joints(data)
+            arrays = joints.position, joints.velocity, joints.effort
+            values = *divmod(joints.stamp_ns, NANOSECONDS), joints.frame_id, joints.names, *arrays
+            return dict(zip(self.paths, values, strict=True))
+        try:
+            message = self._store.deserialize_cdr(data, self.kind)
+        except SerdeError as error:
+            raise ValueError(str(error)) from error
+        return {path: value_of(message) for path, value_of in self._values.items()}
 
     def read(self, messages: Sequence[bytes]) -> tuple[dict[str, NDArray[Any]], NDArray[np.int64]]:
         """Return the fields of N messages as arrays by path, such as 'header.stamp.sec'.
@@ -77,6 +123,14 @@ class Decoder(MessageType):
                 columns[path].append(value)
         arrays = {path: _stacked(values, *self.paths[path]) for path, values in columns.items()}
         return arrays, np.array(good, np.int64)
+
+
+def _of_one(outer: Value, inner: Value) -> Value:
+    return lambda message: inner(outer(message))
+
+
+def _of_each(outer: Value, inner: Value) -> Value:
+    return lambda message: [inner(one) for one in outer(message)]
 
 
 class _Places(Reader):
@@ -132,15 +186,11 @@ def _stacked(values: list[Any], kind: str, rank: int) -> NDArray[Any]:
     if not rank:
         return np.array(values, number)
     rows = [np.array(x, number) if rank == 1 else _stacked(x, kind, rank - 1) for x in values]
-    return _joined([row[None] for row in rows] or [np.empty((0,) * (rank + 1), number)])
+    return joined([row[None] for row in rows] or [np.empty((0,) * (rank + 1), number)])
 
 
-def joined(blocks: Sequence[Mapping[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
-    """Return the arrays of blocks of messages one after the other, as `Decoder.read` does."""
-    return {path: _joined([block[path] for block in blocks]) for path in blocks[0]}
-
-
-def _joined(parts: list[NDArray[Any]]) -> NDArray[Any]:
+def joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Return arrays of a field in blocks of messages as one, filled up as `Decoder.read` does."""
     shapes = {part.shape[1:] for part in parts}
     if len(shapes) == 1:
         return np.concatenate(parts)

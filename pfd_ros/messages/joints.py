@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_ros.messages.cdr import NANOSECONDS, STAMP, TIME, Reader, Writer
+from pfd_ros.messages.cdr import Encoder, Reader, Writer
 
 # Units of the arrays, of a joint that turns or slides.
 JOINT_UNITS = {
@@ -75,50 +75,36 @@ def encode_joints(
     return bytes(writer.data)
 
 
-class JointEncoder:
-    """Writes JointStates of one arm: laid out once, then stamp and numbers each time.
+def joint_encoder(
+    names: Sequence[str],
+    frame_id: str = '',
+    fixed: Mapping[str, float] | None = None,
+    fields: Sequence[str] = JOINT_FIELDS,
+) -> Encoder:
+    """Return an encoder of the JointStates of one arm, for numbers (fields, names).
 
     Parameters
     ----------
-    names
-        Joint names in the order of the numbers.
-    frame_id
-        header.frame_id.
+    names, frame_id
+        Joint names in the order of the numbers; header.frame_id.
     fixed
         Positions of further joints, which come after the others and do not move.
     fields
         The arrays that are written, of JOINT_FIELDS and in their order; the others are empty.
     """
-
-    def __init__(
-        self,
-        names: Sequence[str],
-        frame_id: str = '',
-        fixed: Mapping[str, float] | None = None,
-        fields: Sequence[str] = JOINT_FIELDS,
-    ) -> None:
-        at_rest = dict(fixed or {})
-        count = len(names) + len(at_rest)
-        writer = Writer()
-        writer.header(0, frame_id)
-        writer.strings((*names, *at_rest))
-        starts = []
-        for name in JOINT_FIELDS:
-            values = np.zeros(count if name in fields else 0)
-            if name == 'position' and name in fields:
-                values[len(names) :] = list(at_rest.values())
-            start = writer.numbers(values)
-            if name in fields:
-                starts.append(start)
-        self._data = writer.data
-        # From one array to the next are its numbers, its count and four bytes: padding, or the
-        # count of an empty array.
-        self._numbers: NDArray[Any] = np.ndarray(
-            (len(starts), len(names)), '<f8', self._data, starts[0], (8 * count + 8, 8)
-        )
-
-    def encode(self, stamp_ns: int, numbers: NDArray[Any]) -> bytes:
-        """Return the message of the numbers, (fields, names)."""
-        TIME.pack_into(self._data, STAMP, *divmod(stamp_ns, NANOSECONDS))
-        self._numbers[:] = numbers
-        return bytes(self._data)
+    at_rest = dict(fixed or {})
+    count = len(names) + len(at_rest)
+    writer = Writer()
+    writer.header(0, frame_id)
+    writer.strings((*names, *at_rest))
+    starts = []
+    for name in JOINT_FIELDS:
+        values = np.zeros(count if name in fields else 0)
+        if name == 'position' and name in fields:
+            values[len(names) :] = list(at_rest.values())
+        starts.append(writer.numbers(values))
+    start = starts[JOINT_FIELDS.index(fields[0])]
+    # From one array to the next are its numbers, its count and four bytes: padding, or the count
+    # of an empty array.
+    shape, strides = (len(fields), len(names)), (8 * count + 8, 8)
+    return Encoder(writer.data, np.ndarray(shape, '<f8', writer.data, start, strides))

@@ -5,12 +5,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from pfd_ros.messages.cdr import HEADER, NANOSECONDS, STAMP, TIME, Reader, Writer
+from pfd_ros.messages.cdr import HEADER, NANOSECONDS, STAMP, TIME, Encoder, Reader, Writer
 from pfd_ros.messages.types import INERTIA, POSE, WRENCH
 
 TRANSFORM = ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw')
@@ -31,13 +31,7 @@ class Numbers(NamedTuple):
 
 
 def decode_numbers(data: bytes, kind: str) -> Numbers:
-    """Return the fields of a message of a type in NUMBERS.
-
-    Raises
-    ------
-    ValueError
-        If the bytes are not such a message.
-    """
+    """Return the fields of a message of a type in NUMBERS; ValueError for other bytes."""
     reader = Reader(data)
     stamp_ns, frame_id = reader.time(), reader.string()
     return Numbers(stamp_ns, frame_id, tuple(reader.numbers(len(NUMBERS[kind])).tolist()))
@@ -45,24 +39,15 @@ def decode_numbers(data: bytes, kind: str) -> Numbers:
 
 def encode_numbers(kind: str, stamp_ns: int, frame_id: str, values: ArrayLike) -> bytes:
     """Return a message of a type in NUMBERS."""
-    return NumbersEncoder(kind, frame_id).encode(stamp_ns, values)
+    return numbers_encoder(kind, frame_id).encode(stamp_ns, values)
 
 
-class NumbersEncoder:
-    """Writes messages of one type in NUMBERS and one frame: laid out once."""
-
-    def __init__(self, kind: str, frame_id: str) -> None:
-        writer = Writer()
-        writer.header(0, frame_id)
-        start = writer.numbers(np.zeros(len(NUMBERS[kind])), counted=False)
-        self._data = writer.data
-        self._numbers = np.frombuffer(self._data, '<f8', offset=start)
-
-    def encode(self, stamp_ns: int, values: ArrayLike) -> bytes:
-        """Return the message."""
-        TIME.pack_into(self._data, STAMP, *divmod(stamp_ns, NANOSECONDS))
-        self._numbers[:] = values
-        return bytes(self._data)
+def numbers_encoder(kind: str, frame_id: str) -> Encoder:
+    """Return an encoder of messages of one type in NUMBERS and one frame."""
+    writer = Writer()
+    writer.header(0, frame_id)
+    start = writer.numbers(np.zeros(len(NUMBERS[kind])), counted=False)
+    return Encoder(writer.data, np.frombuffer(writer.data, '<f8', offset=start))
 
 
 def encode_clock(stamp_ns: int) -> bytes:
@@ -75,34 +60,21 @@ def decode_clock(data: bytes) -> int:
     return Reader(data).time()
 
 
-class TransformEncoder:
-    """Writes messages of type tf2_msgs/TFMessage of the same frames: laid out once.
+def transform_encoder(frames: Sequence[tuple[str, str]]) -> Encoder:
+    """Return an encoder of TFMessages, for the numbers in TRANSFORM of each frame, (frames, 7).
 
-    Parameters
-    ----------
-    frames
-        Parent and child of each transform.
+    `frames` are parent and child of each transform.
     """
-
-    def __init__(self, frames: Sequence[tuple[str, str]]) -> None:
-        writer = Writer()
-        writer.integer(len(frames))
-        stamps, numbers = [], []
-        for parent, child in frames:
-            writer.align(4)
-            stamps.append(len(writer.data))
-            writer.header(0, parent)
-            writer.string(child)
-            numbers.append(writer.numbers(np.zeros(len(TRANSFORM)), counted=False))
-        self._data, self._stamps = writer.data, stamps
-        self._numbers = [
-            np.frombuffer(self._data, '<f8', len(TRANSFORM), place) for place in numbers
-        ]
-
-    def encode(self, stamp_ns: int, numbers: NDArray[Any]) -> bytes:
-        """Return the message of the numbers in TRANSFORM, (frames, 7)."""
-        time = divmod(stamp_ns, NANOSECONDS)
-        for place, target, values in zip(self._stamps, self._numbers, numbers, strict=True):
-            TIME.pack_into(self._data, place, *time)
-            target[:] = values
-        return bytes(self._data)
+    writer = Writer()
+    writer.integer(len(frames))
+    stamps, starts = [], []
+    for parent, child in frames:
+        writer.align(4)
+        stamps.append(len(writer.data))
+        writer.header(0, parent)
+        writer.string(child)
+        starts.append(writer.numbers(np.zeros(len(TRANSFORM)), counted=False))
+    # Float64 are aligned to eight bytes after the header.
+    numbers = np.frombuffer(writer.data, '<f8', (len(writer.data) - STAMP) // 8, STAMP)
+    first = (np.array(starts, np.intp) - STAMP) // 8
+    return Encoder(writer.data, numbers, first[:, None] + np.arange(len(TRANSFORM)), stamps)

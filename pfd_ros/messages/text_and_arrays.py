@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_ros.messages.cdr import HEADER, Reader, Writer
+from pfd_ros.messages.cdr import HEADER, Encoder, Reader, Writer
 
 # The beginning of a Float64MultiArray without a layout, and the place of its first number.
 _NO_LAYOUT, _FIRST_NUMBER = HEADER + bytes(8), 20
@@ -31,12 +31,9 @@ def decode_string(data: bytes) -> str:
 
 
 def decode_floats(data: bytes) -> NDArray[Any]:
-    """Return the numbers of a Float64MultiArray, (count,), perhaps read-only; no layout.
+    """Return the numbers of a Float64MultiArray, (count,), perhaps read-only, without layout.
 
-    Raises
-    ------
-    ValueError
-        If the bytes are not such a message.
+    ValueError if the bytes are not such a message.
     """
     # Most publishers leave the layout empty; then everything has its place.
     if data.startswith(_NO_LAYOUT) and len(data) > _FIRST_NUMBER:
@@ -66,30 +63,20 @@ def _floats_head(count: int) -> bytes:
     return bytes(writer.data[:start])
 
 
-class ArrayEncoder:
-    """Writes messages of type Float64MultiArray of one layout.
+def array_encoder(layout: Sequence[tuple[str, Sequence[str]]]) -> Encoder:
+    """Return an encoder of Float64MultiArrays of one layout, which have no stamp.
 
-    Parameters
-    ----------
-    layout
-        A word for each dimension, and the name of each of its places: the label of the dimension
-        is `word: name,name`.
+    The layout is a word for each dimension, and the name of each of its places: the label of the
+    dimension is `word: name,name`.
     """
-
-    def __init__(self, layout: Sequence[tuple[str, Sequence[str]]]) -> None:
-        writer = Writer()
-        writer.integer(len(layout))
-        shape = [len(names) for _, names in layout]
-        for place, (word, names) in enumerate(layout):
-            writer.string(f'{word}: {",".join(names)}')
-            writer.integer(len(names))
-            writer.integer(math.prod(shape[place:]))
-        writer.integer(0)
-        start = writer.numbers(np.zeros(math.prod(shape)))
-        self._data = writer.data
-        self._numbers = np.frombuffer(self._data, '<f8', offset=start).reshape(shape)
-
-    def encode(self, values: NDArray[Any]) -> bytes:
-        """Return the message; the values have the shape of the layout."""
-        self._numbers[:] = values
-        return bytes(self._data)
+    writer = Writer()
+    writer.integer(len(layout))
+    shape = [len(names) for _, names in layout]
+    for place, (word, names) in enumerate(layout):
+        writer.string(f'{word}: {",".join(names)}')
+        writer.integer(len(names))
+        writer.integer(math.prod(shape[place:]))
+    writer.integer(0)
+    start = writer.numbers(np.zeros(math.prod(shape)))
+    numbers = np.frombuffer(writer.data, '<f8', offset=start).reshape(shape)
+    return Encoder(writer.data, numbers, stamps=())

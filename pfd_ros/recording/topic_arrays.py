@@ -270,7 +270,7 @@ class TopicReader:
         for path in list(pieces[0]):
             parts = [piece.pop(path) for piece in pieces]
             if not self._groups or path not in JOINT_FIELDS:
-                (found[path],) = joined([{path: part} for part in parts]).values()
+                found[path] = joined(parts)
                 if found[path].dtype == object and found[path].ndim == 1:
                     found[path] = _shared(found[path])
                 continue

@@ -3,9 +3,8 @@
 """The command `pfd`.
 
     main      the commands, `--ros-args`, errors as one line and an exit status
-    terminal  a command as a record; printed lines, JSON, progress, signals
-    logs      replay (summary, --verify, --what-if), info, compare, recover
-    publish   replay --publish: any log on its topics
+    terminal  a command as a record; shared options, printed lines, progress, signals
+    logs      replay (summary, --verify, --what-if, --publish), info, compare, recover
     report    report log, report scene
     view      view: the arm of a log or of a running node in 3D, in a browser
     doctor    doctor: installed packages, tests of them, speed of this machine

@@ -84,11 +84,12 @@ def extras() -> Iterator[Finding]:
     except metadata.PackageNotFoundError:
         yield Finding('extras', f'unknown: {PACKAGE} runs from its source folder')
         return
-    packages = [re.match(r'([\w.-]+).*\bextra == .([\w-]+)', item) for item in requirements]
-    missing: dict[str, list[str]] = {found[2]: [] for found in packages if found}
-    for found in filter(None, packages):
-        if not any(metadata.distributions(name=found[1])):
-            missing[found[2]].append(found[1])
+    missing: dict[str, list[str]] = {}
+    for package, extra in re.findall(
+        r'^([\w.-]+).*\bextra == .([\w-]+)', '\n'.join(requirements), re.MULTILINE
+    ):
+        absent = [] if any(metadata.distributions(name=package)) else [package]
+        missing.setdefault(extra, []).extend(absent)
     for extra, names in missing.items():
         text = 'installed'
         if names and extra == 'ros' and importlib.util.find_spec('rclpy'):
@@ -122,9 +123,8 @@ def cache() -> Iterator[Finding]:
     name, payload = disk_cache.digest('doctor'), secrets.token_bytes(8)
     disk_cache.write(name, payload)
     works = disk_cache.read(name) == payload
-    text = 'is not used: it must be writable by this user only'
-    if works:
-        text = f'has {len([*folder.glob(f"*{disk_cache.SUFFIX}")])} files'
+    count = len([*folder.glob(f'*{disk_cache.SUFFIX}')]) if works else 0
+    text = f'has {count} files' if works else 'is not used: it must be writable by this user only'
     yield Finding('cache', f'{folder} {text}', failed=not works)
 
 

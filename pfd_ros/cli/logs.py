@@ -13,59 +13,62 @@ import argparse
 from collections.abc import Iterator
 from dataclasses import asdict
 from datetime import datetime, timezone
+import json
 from pathlib import Path
 import sys
 from typing import TYPE_CHECKING, Any
 
-from pfd_ros.cli import publish
 from pfd_ros.cli.terminal import (
+    ANY_LOG,
     Command,
     add_rename,
-    print_json,
+    number,
+    pair,
     print_lines,
     progress_on,
-    reads_logs,
+    status_of,
 )
-from pfd_ros.text import one_line
+from pfd_ros.node.main import ignore_signals, stop_on_signals
 
 if TYPE_CHECKING:
     from pfd_ros.recording.facts import Facts
+    from pfd_ros.replay.compare import Comparison
 
 INCOMPLETE = 3
-ANY_LOG = 'MCAP file, .db3 file or folder of rosbag2'
 NANOSECONDS = 1_000_000_000
 # Of the settings of a recording, on one line.
 LONGEST_LINE = 10_000
-# Options of --what-if, and their values without it.
-WHAT_IF: dict[str, Any] = {
-    'commands': '',
-    'states': '',
-    'rename': [],
-    'out': None,
-    'thresholds': None,
-    'rounding': False,
-    'plot': None,
-    'json': False,
-}
+# Of the clock without a number, as `ros2 bag play --clock` [Hz].
+CLOCK_HZ = 40.0
+# Longest offset and duration, s: a century.
+LONGEST = 3.2e9
 
 
 def _replay_arguments(parser: argparse.ArgumentParser) -> None:
     logs = f'a recording; with --publish or --commands any {ANY_LOG}'
     parser.add_argument('log', type=Path, metavar='LOG', help=logs)
-    add = parser.add_mutually_exclusive_group().add_argument
-    add('--verify', action='store_true', help='simulate it again; fail at the first differing bit')
+    modes = parser.add_mutually_exclusive_group()
+    simulate = 'simulate it again; fail at the first differing bit'
+    modes.add_argument('--verify', action='store_true', help=simulate)
     what_if = 'simulate its inputs with other parameters of the node, and compare'
-    add('--what-if', nargs='*', metavar='KEY=VALUE', help=what_if)
-    allow = f'with --verify: status 0, not {INCOMPLETE}, for a log that is equal but incomplete'
-    parser.add_argument('--allow-incomplete', action='store_true', help=allow)
-    group = parser.add_argument_group(
-        'with --what-if', 'example: pfd replay run.mcap --what-if payload.mass=2 friction.elbow=3'
+    modes.add_argument('--what-if', nargs='*', metavar='KEY=VALUE', help=what_if)
+    publish = 'publish the messages of the log'
+    modes.add_argument('--publish', action='store_true', help=publish)
+    # Options of a mode that are not given are not in the namespace: the defaults are elsewhere.
+    silent = argparse.SUPPRESS
+    verify = parser.add_argument_group('with --verify', argument_default=silent)
+    allow = f'status 0, not {INCOMPLETE}, for a log that is equal but incomplete'
+    verify.add_argument('--allow-incomplete', action='store_true', default=silent, help=allow)
+    changed = parser.add_argument_group(
+        'with --what-if',
+        'example: pfd replay run.mcap --what-if payload.mass=2 friction.elbow=3',
+        argument_default=silent,
     )
-    add = group.add_argument
+    add = changed.add_argument
     commands = 'topic with efforts of any bag (JointState or Float64MultiArray); requires robot='
     add('--commands', metavar='TOPIC', help=commands)
     add('--states', metavar='TOPIC', help="with --commands: the bag's JointStates")
-    add_rename(group)
+    add_rename(changed, silent)
     add('--out', type=Path, metavar='FILE', help='the new log (default: ./LOG_what_if.mcap)')
     units = ('Q', 'QD', 'TAU')
     beyond = 'differences beyond which runs have diverged'
@@ -74,82 +77,113 @@ def _replay_arguments(parser: argparse.ArgumentParser) -> None:
         'simulate a third time, with 2.2e-16 added to each position that the arm is set to: how '
         'far rounding alone leads'
     )
-    add('--rounding', action='store_true', help=rounding)
+    add('--rounding', action='store_true', default=silent, help=rounding)
     add('--plot', type=Path, metavar='FILE', help='plot both runs (.png, .svg)')
-    add('--json', action='store_true', help='print JSON')
-    publish.add_arguments(parser)
-    parser.set_defaults(**WHAT_IF)
+    add('--json', action='store_true', default=silent, help='print JSON')
+    played = parser.add_argument_group(
+        'with --publish',
+        'The node `log_player` publishes the messages of a recording or of any bag (MCAP, .db3, '
+        'folder of rosbag2) at their log times, but no commands unless --topics names them. It '
+        'has the services ~/pause and ~/step and the parameters rate and seek_to.',
+        argument_default=silent,
+    )
+    add = played.add_argument
+    offset, duration = number('start offset', 0.0, LONGEST), number('duration', 1e-9, LONGEST)
+    clock = f'publish the log time on /clock (default {CLOCK_HZ:g} Hz), unless the log has it'
+    early = 'start S seconds after the first message; latched messages from before are sent first'
+    add('--rate', type=number('rate', 1e-3, 1e3), metavar='X', help='speed (default 1)')
+    add('--loop', action='store_true', default=silent, help='begin again at the end')
+    add('--start-offset', type=offset, metavar='S', help=early)
+    add('--duration', type=duration, metavar='S', help='stop after S seconds of log time')
+    add('--topics', nargs='+', metavar='TOPIC', help='only these topics; may name commands')
+    remap = 'publish topic A of the log on B; may be repeated'
+    add('--remap', dest='remaps', type=pair(':='), action='append', metavar='A:=B', help=remap)
+    rate = number('clock', 1e-3, 1e4)
+    add('--clock', dest='clock_hz', nargs='?', const=CLOCK_HZ, type=rate, metavar='HZ', help=clock)
+    paused = 'wait for ~/pause with false'
+    add('--start-paused', action='store_true', default=silent, help=paused)
+    groups = {'verify': verify, 'what_if': changed, 'publish': played}
+    parser.set_defaults(
+        options={
+            mode: {action.dest: action.option_strings[0] for action in group._group_actions}
+            for mode, group in groups.items()
+        }
+    )
 
 
-@reads_logs
-def _replay(given: argparse.Namespace, unread: list[str]) -> int:
-    wrong = _conflict(given)
-    if wrong:
-        print(one_line(f'pfd replay: {wrong}'), file=sys.stderr)
-        return 2
+def _replay(given: argparse.Namespace) -> int:
+    chosen: dict[str, Any] = {}
+    for mode, options in given.options.items():
+        there = {name: getattr(given, name) for name in options if name in given}
+        if getattr(given, mode) not in (None, False):
+            chosen = there
+        elif there:
+            flag = f'--{mode.replace("_", "-")}'
+            print(f'pfd replay: {options[next(iter(there))]} requires {flag}', file=sys.stderr)
+            return 2
     if given.publish:
-        return publish.run(given)
+        return _publish(given, chosen)
     if given.what_if is not None:
-        return _what_if(given, unread)
+        return _what_if(given, chosen)
     if given.verify:
-        return _verify(given)
+        return _verify(given.log, **chosen)
     from pfd_ros.replay.summary import lines, summarize
 
     print_lines(lines(summarize(given.log)))
     return 0
 
 
-def _conflict(given: argparse.Namespace) -> str:
-    """Return why the options exclude each other, '' if they do not."""
-    what_if = given.what_if is not None
-    if given.publish and (given.verify or what_if):
-        return f'--publish and {"--verify" if given.verify else "--what-if"} exclude each other'
-    for needed, there, options in (
-        ('--publish', given.publish, publish.DEFAULTS),
-        ('--what-if', what_if, WHAT_IF),
-        ('--verify', given.verify, {'allow_incomplete': False}),
-    ):
-        for name, value in options.items():
-            if not there and getattr(given, name) != value:
-                return f'--{name.replace("_", "-")} requires {needed}'
-    return ''
-
-
-def _verify(given: argparse.Namespace) -> int:
+def _verify(path: Path, allow_incomplete: bool = False) -> int:
     from pfd_ros.arm.events import OUTPUTS
     from pfd_ros.replay.verify import verify
 
-    found = verify(given.log)
+    found = verify(path)
     counts = ', '.join(f'{found.compared[r]} {r}' for r in OUTPUTS if found.compared[r])
     equal = f'every bit equal in {found.cycles} cycles ({counts})'
     if found.complete:
-        print_lines([f'verified: {given.log}: {equal}'])
+        print_lines([f'verified: {path}: {equal}'])
         return 0
-    print_lines([f'incomplete: {given.log}: equal as far as it goes: {equal}'])
-    return 0 if given.allow_incomplete else INCOMPLETE
+    print_lines([f'incomplete: {path}: equal as far as it goes: {equal}'])
+    return 0 if allow_incomplete else INCOMPLETE
 
 
-def _what_if(given: argparse.Namespace, unread: list[str]) -> int:
+def _what_if(given: argparse.Namespace, options: dict[str, Any]) -> int:
     from pfd_ros.replay import what_if
-    from pfd_ros.replay.plots import check_picture, plot_comparison
+    from pfd_ros.replay.plots import check_picture
 
-    if given.plot:
-        check_picture(given.plot)
-    options = {
-        name: getattr(given, name)
-        for name, unset in WHAT_IF.items()
-        if name not in ('plot', 'json') and getattr(given, name) != unset
-    }
-    options['rename'] = dict(given.rename)
+    as_json, plot = options.pop('json', False), options.pop('plot', None)
+    if plot:
+        check_picture(plot)
+    options['rename'] = dict(options.get('rename', ()))
     found = what_if.what_if(given.log, given.what_if, **options, progress=progress_on(sys.stderr))
-    if given.json:
-        print_json(what_if.as_json(found))
+    if as_json:
+        _print_json(what_if.as_json(found))
     else:
         print_lines(what_if.lines(found))
-    if given.plot:
-        plot_comparison(found.comparison, (str(found.source), str(found.log)), given.plot)
-    unread += found.problems
-    return 0
+    _plot(found.comparison, (found.source, found.log), plot)
+    return status_of(given, found.problems)
+
+
+def _publish(given: argparse.Namespace, options: dict[str, Any]) -> int:
+    from pfd_ros.replay.playlist import PlayOptions
+    from pfd_ros.replay.publish import play
+
+    try:
+        return play(given.log, PlayOptions(**options), given.stop or stop_on_signals())
+    finally:
+        ignore_signals()
+
+
+def _print_json(found: dict[str, Any]) -> None:
+    """Print a result as JSON; ValueError if it has NaN or an infinity, which JSON lacks."""
+    print(json.dumps(found, allow_nan=False))
+
+
+def _plot(found: Comparison, names: tuple[Path, Path], picture: Path | None) -> None:
+    from pfd_ros.replay.plots import plot_comparison
+
+    if picture:
+        plot_comparison(found, (str(names[0]), str(names[1])), picture)
 
 
 def _info_arguments(parser: argparse.ArgumentParser) -> None:
@@ -157,17 +191,16 @@ def _info_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', action='store_true', help='print JSON')
 
 
-@reads_logs
-def _info(given: argparse.Namespace, unread: list[str]) -> int:
+def _info(given: argparse.Namespace) -> int:
     from pfd_ros.recording.facts import facts
 
     found = facts(given.log)
     if given.json:
-        print_json(asdict(found))
+        _print_json(asdict(found))
     else:
         print_lines(_info_lines(found), LONGEST_LINE)
-    unread += [f'{name}: {t.unreadable}' for name, t in found.topics.items() if t.unreadable]
-    return 0
+    unread = [f'{name}: {t.unreadable}' for name, t in found.topics.items() if t.unreadable]
+    return status_of(given, unread)
 
 
 def _info_lines(found: Facts) -> Iterator[str]:
@@ -215,47 +248,38 @@ def _compare_arguments(parser: argparse.ArgumentParser) -> None:
     add('--plot', type=Path, metavar='FILE', help='plot both logs (.png, .svg)')
 
 
-@reads_logs
-def _compare(given: argparse.Namespace, unread: list[str]) -> int:
+def _compare(given: argparse.Namespace) -> int:
     """Compare two logs; status 1 if a difference is beyond the tolerance."""
     from pfd_ros.arm.events import INPUTS
     from pfd_ros.messages.types import JOINT_STATE
     from pfd_ros.recording.arrays import read_log, renamed
     from pfd_ros.replay import compare
-    from pfd_ros.replay.plots import check_picture, plot_comparison
+    from pfd_ros.replay.plots import check_picture
 
     if given.plot:
         check_picture(given.plot)
+    topics = tuple(given.topics) if given.topics else None
     logs = [
-        renamed(
-            read_log(
-                path,
-                topics=given.topics and [given.topics[k]],
-                types=[JOINT_STATE],
-                unreadable='count',
-            ),
-            dict(given.rename),
-        )
+        read_log(path, topics=topics and [topics[k]], types=[JOINT_STATE], unreadable='count')
         for k, path in enumerate((given.a, given.b))
     ]
-    topics = tuple(given.topics) if given.topics else None
-    found = compare.compare(*logs, tolerance=given.tolerance, topics=topics, lag=given.lag)
+    a, b = (renamed(log, dict(given.rename)) for log in logs)
+    found = compare.compare(a, b, tolerance=given.tolerance, topics=topics, lag=given.lag)
     if given.json:
-        print_json(compare.as_json(found))
+        _print_json(compare.as_json(found))
     else:
         print_lines(compare.lines(found))
-    if given.plot:
-        plot_comparison(found, (str(given.a), str(given.b)), given.plot)
-    for log in logs:
-        unread += [
-            f'{log.path}, {topic}: {log[topic].unreadable} of {len(log.received_ns[topic])} '
-            'messages cannot be read'
-            for topic in log
-            # Those of a recording are inputs that the node refused.
-            if not log.obstacle(topic) and log[topic].unreadable
-            if log.roles.get(topic) not in INPUTS
-        ]
-    return 0 if found.within else 1
+    _plot(found, (given.a, given.b), given.plot)
+    unread = [
+        f'{log.path}, {topic}: {log[topic].unreadable} of {len(log.received_ns[topic])} '
+        'messages cannot be read'
+        for log in logs
+        for topic in log
+        # Those of a recording are inputs that the node refused.
+        if not log.obstacle(topic) and log[topic].unreadable
+        if log.roles.get(topic) not in INPUTS
+    ]
+    return status_of(given, unread) or int(not found.within)
 
 
 def _recover_arguments(parser: argparse.ArgumentParser) -> None:

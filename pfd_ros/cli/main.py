@@ -69,15 +69,14 @@ def parser(commands: Mapping[str, Command]) -> argparse.ArgumentParser:
     found.add_argument('--version', action='store_true', help='print the version')
     subparsers = found.add_subparsers(dest='command', metavar='COMMAND')
     for name, command in commands.items():
-        command.arguments(
-            subparsers.add_parser(
-                name,
-                help=command.help,
-                description=command.help,
-                epilog=f'example: {command.example}',
-                formatter_class=argparse.RawDescriptionHelpFormatter,
-            )
+        added = subparsers.add_parser(
+            name,
+            help=command.help,
+            description=command.help,
+            epilog=f'example: {command.example}',
+            formatter_class=argparse.RawDescriptionHelpFormatter,
         )
+        command.arguments(added)
     return found
 
 
@@ -91,14 +90,25 @@ def main(args: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(errors='backslashreplace')
     try:
         node = words[:1] == ['sim'] or (words[:1] == ['replay'] and '--publish' in words)
-        return _run(words, stop_on_signals() if node else None)
+        try:
+            return _run(words, stop_on_signals() if node else None)
+        finally:
+            # While a full disk or a closed pipe can still be reported; the text of --help too.
+            if sys.stdout is not None:
+                sys.stdout.flush()
     except KeyboardInterrupt:
-        _close_output()
-        return INTERRUPTED
+        status, line = INTERRUPTED, ''
     except BrokenPipeError:
         # `pfd info LOG | head -1`: the reader has what it wanted.
-        _close_output()
-        return CLOSED_PIPE
+        status, line = CLOSED_PIPE, ''
+    except (ValueError, OSError) as error:
+        status, line = 1, str(error)
+        if isinstance(error, OSError) and error.filename is not None and error.strerror:
+            line = f'{error.filename}: {error.strerror}'
+    _close_output()
+    if line and sys.stderr is not None:
+        print(one_line(f'pfd {words[0]}: {line}'), file=sys.stderr)
+    return status
 
 
 def _run(words: list[str], stop: Stop | None) -> int:
@@ -106,43 +116,22 @@ def _run(words: list[str], stop: Stop | None) -> int:
     # Arguments for ROS, which argparse would reject.
     cut = words.index('--ros-args') if '--ros-args' in words else len(words)
     parse = parser(commands)
-    try:
-        given = parse.parse_args(words[:cut])
-        if given.version:
-            import pfd_core as pfd
+    given = parse.parse_args(words[:cut])
+    if given.version:
+        import pfd_core as pfd
 
-            print(f'pfd {pfd.__version__}')
-            return 0
-        if given.command is None:
-            parse.error(f'no COMMAND, expected one of {", ".join(COMMANDS)}')
-    finally:
-        # The text of --help, while a closed pipe can still be reported.
-        if sys.stdout is not None:
-            sys.stdout.flush()
+        print(f'pfd {pfd.__version__}')
+        return 0
+    if given.command is None:
+        parse.error(f'no COMMAND, expected one of {", ".join(COMMANDS)}')
     given.ros_args, given.stop = words[cut:], stop
     if given.ros_args and given.command != 'sim':
-        print(f'pfd: {given.command} takes no --ros-args', file=sys.stderr)
-        return 2
+        parse.error(f'{given.command} takes no --ros-args')
     command = commands[given.command]
     if command.needs_ros(given) and importlib.util.find_spec('rclpy') is None:
         print(f'pfd: {NO_ROS}', file=sys.stderr)
         return 1
-    try:
-        status = command.run(given)
-        # While a full disk or a closed pipe can still be reported.
-        if sys.stdout is not None:
-            sys.stdout.flush()
-    except BrokenPipeError:
-        raise
-    except (ValueError, OSError) as error:
-        _close_output()
-        text = str(error)
-        if isinstance(error, OSError) and error.filename is not None and error.strerror:
-            text = f'{error.filename}: {error.strerror}'
-        if sys.stderr is not None:
-            print(one_line(f'pfd {given.command}: {text}'), file=sys.stderr)
-        return 1
-    return status
+    return command.run(given)
 
 
 def _complete(line: str) -> int:

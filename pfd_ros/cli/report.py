@@ -10,14 +10,20 @@ from pathlib import Path
 import sys
 
 import pfd_core as pfd
-from pfd_ros.cli.terminal import Command, print_lines, progress_on, reads_logs
+from pfd_ros.cli.terminal import (
+    ANY_LOG,
+    ROBOT,
+    Command,
+    print_lines,
+    progress_on,
+    status_of,
+)
 from pfd_ros.files import new_file
 from pfd_ros.text import one_line
 
 LOG = 'one HTML page of a log: what went wrong first, and its curves; opens without network'
 SCENE = 'which effects of a scene a motion needs within a tolerance, and the error without each'
 SINE = 'sine'
-ROBOT = 'a name that `pfd robots` lists, or a file'
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,7 +33,7 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
     )
     example = 'example: pfd report log run.mcap --out run.html'
     add = kinds.add_parser('log', help=LOG, description=LOG, epilog=example).add_argument
-    add('log', type=Path, metavar='LOG', help='MCAP or .db3 file, folder of rosbag2')
+    add('log', type=Path, metavar='LOG', help=ANY_LOG)
     out = 'the page, never over an existing file; default ./NAME.html for NAME.mcap'
     add('--out', type=Path, metavar='FILE', help=out)
     add('--robot', help=f'the robot of a log that holds none, for its limits: {ROBOT}')
@@ -49,41 +55,33 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
     add('--out', type=Path, default=Path('scene.yaml'), metavar='FILE', help=out)
 
 
-@reads_logs
-def _report(given: argparse.Namespace, unread: list[str]) -> int:
+def _report(given: argparse.Namespace) -> int:
     """Read the log, or simulate the scenes; print the result and the path of the file."""
-    return _log(given, unread) if given.what == 'log' else _scene(given)
+    out = given.out or Path(f'{given.log.absolute().name.removesuffix(".mcap")}.html')
+    if out.exists():
+        raise FileExistsError(f'{out} exists and is not overwritten; choose another --out')
+    return _log(given, out) if given.what == 'log' else _scene(given, out)
 
 
-def _new(path: Path) -> Path:
-    if path.exists():
-        raise FileExistsError(f'{path} exists and is not overwritten; choose another --out')
-    return path
-
-
-def _log(given: argparse.Namespace, unread: list[str]) -> int:
+def _log(given: argparse.Namespace, out: Path) -> int:
     from pfd_ros.page.page import TYPES, page
     from pfd_ros.recording.arrays import read_log
 
-    name = given.log.absolute().name.removesuffix('.mcap')
-    path = _new(given.out or Path(f'{name}.html'))
     robot = None if given.robot is None else pfd.load_robot(given.robot)
     log = read_log(given.log, types=TYPES, unreadable='count', start=given.start, end=given.end)
     if (given.start, given.end) != (None, None) and not any(map(len, log.received_ns.values())):
         raise ValueError(f'{given.log} has no message between --start and --end; see pfd info')
     found = page(log, robot=robot)
-    found.write(path)
-    print_lines([found.said, *(f'note: {note}' for note in found.notes), path])
-    unread += found.unreadable
-    return 0
+    found.write(out)
+    print_lines([found.said, *(f'note: {note}' for note in found.notes), out])
+    return status_of(given, found.unreadable)
 
 
-def _scene(given: argparse.Namespace) -> int:
+def _scene(given: argparse.Namespace, out: Path) -> int:
     from pfd_ros.advice import advise, full_scene, read_motion, sine
     from pfd_ros.advice.motions import SETTINGS
     from pfd_ros.advice.scene import lines
 
-    path, progress = _new(given.out), progress_on(sys.stderr)
     scene = None if given.scene is None else pfd.load_scene(given.scene)
     refused: dict[str, str] = {}
     if given.trajectory == SINE:
@@ -104,6 +102,7 @@ def _scene(given: argparse.Namespace) -> int:
         else:
             # The brakes of a recording are an input, whatever the scene.
             scene = replace(scene, brakes=True)
+    progress = progress_on(sys.stderr)
     advice = advise(robot, scene, motion, given.tolerance, given.window, progress)
     step = motion.settings['step_size']
     text = [
@@ -113,10 +112,10 @@ def _scene(given: argparse.Namespace) -> int:
         *(f'not simulated: {name}: {reason}' for name, reason in refused.items()),
     ]
     print_lines(text)
-    with new_file(path, 'x', encoding='utf-8') as file:
+    with new_file(out, 'x', encoding='utf-8') as file:
         file.writelines(f'# {one_line(line)}\n' for line in ('smallest scene found of', *text))
         file.write(pfd.scene_to_yaml(advice.scene))
-    print_lines([path])
+    print_lines([out])
     return 0
 
 

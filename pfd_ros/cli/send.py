@@ -15,38 +15,23 @@ from typing import Any
 
 from pfd_ros.cli.terminal import Command, number, print_lines
 from pfd_ros.messages.joints import JOINT_FIELDS
+from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
 from pfd_ros.text import listed
 
-ARRAY, NUMBER, JOINTS = (
-    'std_msgs/msg/Float64MultiArray',
-    'std_msgs/msg/Float64',
-    'sensor_msgs/msg/JointState',
-)
+NUMBER = 'std_msgs/msg/Float64'
 # Time [s] between two looks at the graph.
 POLL_SECONDS = 0.05
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('topic', metavar='TOPIC', help='such as /joint_commands')
-    parser.add_argument(
-        'values',
-        nargs='+',
-        metavar='VALUE',
-        help='numbers for a Float64MultiArray or a Float64, JOINT=NUMBER for a JointState',
-    )
-    parser.add_argument(
-        '--field',
-        choices=JOINT_FIELDS,
-        default='effort',
-        help='what the numbers of a JointState are (default effort)',
-    )
-    parser.add_argument(
-        '--patience',
-        type=number('patience', 0.0, 1e6),
-        default=10.0,
-        metavar='S',
-        help='how long to wait for a subscriber (default 10 s)',
-    )
+    add = parser.add_argument
+    add('topic', metavar='TOPIC', help='such as /joint_commands')
+    values = 'numbers for a Float64MultiArray or a Float64, JOINT=NUMBER for a JointState'
+    add('values', nargs='+', metavar='VALUE', help=values)
+    field = 'what the numbers of a JointState are (default effort)'
+    add('--field', choices=JOINT_FIELDS, default='effort', help=field)
+    wait, kind = 'how long to wait for a subscriber (default 10 s)', number('patience', 0.0, 1e6)
+    add('--patience', type=kind, default=10.0, metavar='S', help=wait)
 
 
 def _run(given: argparse.Namespace) -> int:
@@ -58,27 +43,26 @@ def _run(given: argparse.Namespace) -> int:
     deadline = time.monotonic() + given.patience
     with visitor('pfd_send') as node:
         topic = resolved(node, given.topic)
-        kinds = _first(lambda: _kinds(node, topic), deadline)
-        if len(kinds) != 1:
+
+        def kinds() -> list[str]:
+            return sorted({x.topic_type for x in node.get_subscriptions_info_by_topic(topic)})
+
+        found = _first(kinds, deadline)
+        if not found:
             domain = os.environ.get('ROS_DOMAIN_ID', '0')
-            none = (
-                f'no subscriber to {topic} within {given.patience:g} s in ROS_DOMAIN_ID {domain}'
-            )
-            several = f'subscribers to {topic} expect different types: {listed(kinds)}'
-            raise ValueError(several if kinds else none)
-        message = message_of(kinds[0], given.values, given.field)
+            waited = f'within {given.patience:g} s in ROS_DOMAIN_ID {domain}'
+            raise ValueError(f'no subscriber to {topic} {waited}')
+        if len(found) > 1:
+            raise ValueError(f'subscribers to {topic} expect different types: {listed(found)}')
+        message = message_of(found[0], given.values, given.field)
         publisher = node.create_publisher(type(message), topic, 1)
         # Discovery of the publisher takes longer than of the subscriber.
         _first(publisher.get_subscription_count, deadline + 1.0)
         publisher.publish(message)
         if not publisher.wait_for_all_acked(Duration(seconds=max(given.patience, 1.0))):
             raise ValueError(f'{topic}: no subscriber acknowledged the message')
-    print_lines([f'sent {kinds[0]} to {topic}'])
+    print_lines([f'sent {found[0]} to {topic}'])
     return 0
-
-
-def _kinds(node: Any, topic: str) -> list[str]:
-    return sorted({end.topic_type for end in node.get_subscriptions_info_by_topic(topic)})
 
 
 def _first(look: Callable[[], Any], deadline: float) -> Any:
@@ -95,15 +79,15 @@ def message_of(kind: str, values: list[str], field: str) -> Any:
 
     pairs = [value.rpartition('=') for value in values]
     names = [name for name, _, _ in pairs]
-    if kind == JOINTS and (not all(names) or len(set(names)) < len(names)):
+    if kind == JOINT_STATE and (not all(names) or len(set(names)) < len(names)):
         raise ValueError(f'a JointState needs JOINT=NUMBER, each once, got {listed(values)}')
     try:
         numbers = [float(text) for _, _, text in pairs]
     except ValueError as error:
         raise ValueError(f'a value must be a number, got {listed(values)}') from error
-    if kind == JOINTS:
+    if kind == JOINT_STATE:
         return JointState(name=names, **{field: numbers})
-    if kind == ARRAY and not any(names):
+    if kind == FLOAT_ARRAY and not any(names):
         return Float64MultiArray(data=numbers)
     if kind == NUMBER and not any(names) and len(numbers) == 1:
         return Float64(data=numbers[0])

@@ -1,14 +1,12 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A command as a record, and what several commands print: lines, JSON, progress."""
+"""A command as a record, and what several commands share: options, printed lines, signals."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from functools import wraps
-import json
 import math
 import signal
 import sys
@@ -17,13 +15,11 @@ from typing import Any, NamedTuple, TextIO
 from pfd_ros.text import LINE_LENGTH, one_line
 from pfd_ros.view.ports import PORT
 
+ANY_LOG = 'MCAP file, .db3 file or folder of rosbag2'
+ROBOT = 'a name that `pfd robots` lists, or a .urdf, .xacro or .yaml file'
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 # For a program to end by itself after a signal.
 END_SECONDS = 10
-
-
-def _never(_: argparse.Namespace) -> bool:
-    return False
 
 
 class Command(NamedTuple):
@@ -33,7 +29,7 @@ class Command(NamedTuple):
     example: str
     arguments: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], int]
-    needs_ros: Callable[[argparse.Namespace], bool] = _never
+    needs_ros: Callable[[argparse.Namespace], bool] = lambda _: False
 
 
 def print_lines(lines: Iterable[object], limit: int = LINE_LENGTH) -> None:
@@ -42,29 +38,12 @@ def print_lines(lines: Iterable[object], limit: int = LINE_LENGTH) -> None:
         print(one_line(line, limit))
 
 
-def reads_logs(
-    run: Callable[[argparse.Namespace, list[str]], int],
-) -> Callable[[argparse.Namespace], int]:
-    """
-    Return a command that prints what it could not read, and has status 1 then at least.
-
-    `run` appends to its second argument a line for each thing that could not be read.
-    """
-
-    @wraps(run)
-    def checked(given: argparse.Namespace) -> int:
-        unread: list[str] = []
-        status = run(given, unread)
-        for line in unread:
-            print(one_line(f'pfd {given.command}: not read: {line}'), file=sys.stderr)
-        return status or int(bool(unread))
-
-    return checked
-
-
-def print_json(found: Mapping[str, object]) -> None:
-    """Print a result as JSON; ValueError if it has NaN or an infinity, which JSON lacks."""
-    print(json.dumps(found, allow_nan=False))
+def status_of(given: argparse.Namespace, unread: Iterable[str]) -> int:
+    """Print what a command could not read; return its status, 0 if there is nothing."""
+    lines = [one_line(f'pfd {given.command}: not read: {line}') for line in unread]
+    if lines:
+        print(*lines, sep='\n', file=sys.stderr)
+    return int(bool(lines))
 
 
 def progress_on(stream: TextIO | None) -> Callable[[float], None] | None:
@@ -89,34 +68,32 @@ def ended_by_signals() -> Iterator[None]:
     Further signals have no effect, so that nothing is left behind; an alarm ends what hangs.
     Signals that the process ignores, such as Ctrl-C in the background, stay ignored.
     """
+    before = {number: signal.getsignal(number) for number in ENDING}
+    taken = [number for number in ENDING if before[number] is not signal.SIG_IGN]
 
     def end(*_: Any) -> None:
-        for number in ENDING:
-            if signal.getsignal(number) is end:
-                signal.signal(number, signal.SIG_IGN)
+        for number in taken:
+            signal.signal(number, signal.SIG_IGN)
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
         signal.alarm(END_SECONDS)
         raise KeyboardInterrupt
 
-    handlers = {
-        number: signal.signal(number, end)
-        for number in ENDING
-        if signal.getsignal(number) is not signal.SIG_IGN
-    }
+    for number in taken:
+        signal.signal(number, end)
     try:
         yield
     finally:
         signal.alarm(0)
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
+        for number in taken:
+            signal.signal(number, before[number])
 
 
-def number(name: str, least: float, most: float) -> Callable[[str], float]:
+def number(name: str, least: float, most: float, kind: type = float) -> Callable[[str], Any]:
     """Return a parser of a number within bounds."""
 
-    def parse(text: str) -> float:
+    def parse(text: str) -> Any:
         try:
-            value = float(text)
+            value = kind(text)
         except ValueError:
             value = math.nan
         if not least <= value <= most:
@@ -142,39 +119,21 @@ def pair(sign: str) -> Callable[[str], tuple[str, str]]:
 
 def add_port(parser: argparse.ArgumentParser) -> None:
     """Declare the port of a page."""
-    parser.add_argument(
-        '--port',
-        type=_port,
-        default=PORT,
-        metavar='N',
-        help=f'port of the 3D view on this computer (default {PORT}; 0: any free one)',
-    )
+    port = f'port of the 3D view on this computer (default {PORT}; 0: any free one)'
+    parsed = number('port', 0, 65535, int)
+    parser.add_argument('--port', type=parsed, default=PORT, metavar='N', help=port)
 
 
 def add_view(parser: argparse.ArgumentParser) -> None:
     """Declare the view of a running arm and its port."""
-    parser.add_argument(
-        '--view',
-        action='store_true',
-        help='show the arm in 3D in a browser meanwhile, as pfd view does (extra `view`)',
-    )
+    view = 'show the arm in 3D in a browser meanwhile, as pfd view does (extra `view`)'
+    parser.add_argument('--view', action='store_true', help=view)
     add_port(parser)
 
 
-def add_rename(parser: argparse._ActionsContainer) -> None:
+def add_rename(parser: argparse._ActionsContainer, silent: Any = ()) -> None:
     """Declare other names of joints."""
+    new, kind = 'replace the prefix OLD of joint names in the log by NEW', pair('=')
     parser.add_argument(
-        '--rename',
-        nargs='+',
-        type=pair('='),
-        default=[],
-        metavar='OLD=NEW',
-        help='replace the prefix OLD of joint names in the log by NEW',
+        '--rename', nargs='+', type=kind, default=silent, metavar='OLD=NEW', help=new
     )
-
-
-def _port(text: str) -> int:
-    value = int(text) if text.isascii() and text.isdecimal() else -1
-    if not 0 <= value < 1 << 16:
-        raise argparse.ArgumentTypeError(f'port must be in [0, 65535], got {text!r}')
-    return value

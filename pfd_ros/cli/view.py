@@ -14,6 +14,8 @@ from typing import Any
 import webbrowser
 
 from pfd_ros.cli.terminal import (
+    ANY_LOG,
+    ROBOT,
     Command,
     add_port,
     add_rename,
@@ -21,7 +23,7 @@ from pfd_ros.cli.terminal import (
     print_lines,
     progress_on,
 )
-from pfd_ros.text import listed, one_line
+from pfd_ros.text import listed
 from pfd_ros.view.ports import OPENED, check_page
 
 # What browsers on a display need, or a browser that the user has chosen.
@@ -32,13 +34,10 @@ OF_LOG, OF_NODE = ('ghost', 'ghost_topic', 'export', 'rename'), ('live', 'node')
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add('log', type=Path, nargs='?', metavar='LOG', help='MCAP file, .db3 file or rosbag2 folder')
+    add('log', type=Path, nargs='?', metavar='LOG', help=ANY_LOG)
     add('--live', action='store_true', help='show a running arm, as without LOG; needs ROS')
     add('--node', metavar='NODE', help='the running arm (default /sim_arm), such as /left/sim_arm')
-    model = (
-        'the model, in place of the one in the log or on robot_description: a .urdf, .xacro or '
-        '.yaml file, or a name that `pfd robots` lists'
-    )
+    model = f'the model, in place of the one in the log or on robot_description: {ROBOT}'
     add('--robot', metavar='ROBOT', help=model)
     add('--topic', metavar='TOPIC', help='the topic of joint states')
     wrench = "a topic of WrenchStamped to draw, in place of the arm's external wrench"
@@ -51,7 +50,7 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
     add('--ghost-topic', metavar='TOPIC', help=ghost)
     add_rename(parser)
     packages = 'a package with meshes, or a folder of packages; may be repeated'
-    add('--package-path', action='append', type=Path, metavar='FOLDER', help=packages)
+    add('--package-path', action='append', default=[], type=Path, metavar='FOLDER', help=packages)
     add_port(parser)
     page = 'write one .html file that plays the log without Python or a network, and end'
     add('--export', type=Path, metavar='FILE', help=page)
@@ -64,7 +63,7 @@ def _run(given: argparse.Namespace) -> int:
     unused = [f'--{name.replace("_", "-")}' for name in others if getattr(given, name)]
     if unused:
         raise ValueError(f'the view of {kind} takes no {listed(unused)}')
-    for folder in given.package_path or ():
+    for folder in given.package_path:
         if not folder.is_dir():
             raise ValueError(f'--package-path must be a folder, got {str(folder)!r}')
     check_page(0 if given.export else given.port)
@@ -77,17 +76,16 @@ def _run(given: argparse.Namespace) -> int:
 
 
 def _log(given: argparse.Namespace) -> int:
+    from pfd_ros.view.logged import ShownLog
     from pfd_ros.view.page import Player, address, export, page
-    from pfd_ros.view.shown_log import ShownLog
 
-    packages, rename = tuple(given.package_path or ()), dict(given.rename)
+    packages, rename = tuple(given.package_path), dict(given.rename)
     shown = ShownLog(given.log, given.robot, given.topic, packages, rename, given.wrench_topic)
     print_lines(shown.problems)
     ghost = None
     if given.ghost or given.ghost_topic:
         path, robot = given.ghost or given.log, None if given.ghost else given.robot
-        model = shown.log.urdf
-        ghost = ShownLog(path, robot, given.ghost_topic, packages, rename, other=model)
+        ghost = ShownLog(path, robot, given.ghost_topic, packages, rename, other=shown.urdf)
         print_lines(f'ghost: {line}' for line in ghost.problems)
         if shown.offset(ghost) is None:
             print_lines(['ghost: the logs have no time in common: both start at 0'])
@@ -95,23 +93,23 @@ def _log(given: argparse.Namespace) -> int:
     def fill(server: Any) -> Any:
         return shown.fill(server, ghost)
 
-    times, status = shown.log.time, int(shown.log.unreadable > 0)
     if given.export:
-        size = export(given.export, float(times[-1]), fill, progress_on(sys.stderr))
+        size = export(given.export, float(shown.time[-1]), fill, progress_on(sys.stderr))
         print_lines([f'{given.export} plays {given.log.name} in a browser ({size / 1e6:.1f} MB)'])
-        return status
-    with page(given.port, given.log.name) as server:
-        player = Player(server.gui, times, fill(server))
-        with suppress(KeyboardInterrupt):
-            _announce(address(server), given.log.name, given.open)
-            player.run(threading.Event())
-    return status
+    else:
+        with page(given.port, given.log.name) as server:
+            player = Player(server.gui, shown.time, fill(server))
+            with suppress(KeyboardInterrupt):
+                _announce(address(server), given.log.name, given.open)
+                player.run(threading.Event())
+    return int(shown.unreadable > 0)
 
 
 def _live(given: argparse.Namespace) -> None:
     from pfd_ros.view import live
     from pfd_ros.view.arm import Stage
-    from pfd_ros.view.forms import draw, named_model
+    from pfd_ros.view.forms import draw
+    from pfd_ros.view.links import named_model
     from pfd_ros.view.meshes import Meshes
     from pfd_ros.view.page import address, page
 
@@ -119,35 +117,40 @@ def _live(given: argparse.Namespace) -> None:
     arm = arm if arm.startswith('/') else f'/{arm}'
     # The page first: a port in use is an error at once.
     with page(given.port, 'live') as server, live.view_node(arm) as node:
-        topics = live.Topics(node, arm, given.topic, given.wrench_topic)
+        topics = live.topics_of(node, arm, given.topic, given.wrench_topic)
         opened = threading.Event()
 
         def report_browser(_: Any) -> None:
             if not opened.is_set():
                 opened.set()
-                print(OPENED, flush=True)
+                _say(OPENED)
 
         server.on_client_connect(report_browser)
-        urdf, folder = topics.model() if given.robot is None else named_model(given.robot)
-        drawing = draw(urdf, Meshes(folder, tuple(given.package_path or ())))
+        named = given.robot and named_model(given.robot)
+        urdf, folder = named or live.model_of(node, arm, topics)
+        drawing = draw(urdf, Meshes(folder, tuple(given.package_path)))
         print_lines(drawing.problems)
         stage = Stage(server, urdf, drawing)
         stage.look()
         stage.show([0.0] * len(stage.joints))
         _announce(address(server), given.topic or arm, given.open)
-        live.follow(topics, stage, lambda line: print(one_line(line), flush=True))
+        live.follow(node, topics, stage, _say)
 
 
 def _announce(url: str, shown: str, browse: bool) -> None:
     """Print the address of a page, and open it if that was requested."""
-    print(f'{url} shows {one_line(shown)}; Ctrl-C ends it', flush=True)
-    if not browse:
-        return
+    _say(f'{url} shows {shown}; Ctrl-C ends it')
     # A browser in this terminal would take it over.
     hidden = sys.platform == 'linux' and not any(os.environ.get(name) for name in DISPLAYS)
-    if hidden or not webbrowser.open(url):
+    if browse and (hidden or not webbrowser.open(url)):
         why = 'no display' if hidden else 'no browser was found'
-        print(f'{why} for --open: open {url} yourself', flush=True)
+        _say(f'{why} for --open: open {url} yourself')
+
+
+def _say(line: str) -> None:
+    """Print a line at once, for the process that reads it."""
+    print_lines([line])
+    sys.stdout.flush()
 
 
 COMMANDS = {

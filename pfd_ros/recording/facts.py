@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from pfd_ros.arm.events import INPUTS
+from pfd_ros.arm.settings import FIELDS
 from pfd_ros.messages.types import JOINT_STATE
 from pfd_ros.recording.arrays import COUNT, LogArrays, read_log
 from pfd_ros.recording.topic_arrays import decoder_of
@@ -57,6 +58,12 @@ class Facts:
     end: Mapping[str, Any]
 
 
+def by_parameter(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings of a recording by the names of parameters, as --what-if takes them."""
+    names = {row.field: row.name for row in FIELDS}
+    return {names.get(name, name): value for name, value in settings.items()}
+
+
 def facts(path: str | os.PathLike[str]) -> Facts:
     """Return what a log contains; LogError and OSError as `read_log`."""
     log = read_log(path, types=[JOINT_STATE], unreadable=COUNT)
@@ -74,7 +81,7 @@ def facts(path: str | os.PathLike[str]) -> Facts:
         max((int(received[-1]) for received in times), default=None),
         sum(map(len, times)),
         {name: _topic(log, name) for name in sorted(log.topics)},
-        log.settings,
+        None if log.settings is None else by_parameter(log.settings),
         log.end,
     )
 

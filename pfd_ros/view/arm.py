@@ -7,22 +7,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 import trimesh
 
 import pfd_core as pfd
-from pfd_ros.text import listed
-from pfd_ros.view.forms import Array, Drawing, pose_of, reach_of
-from pfd_ros.view.loads import DrawnPayload, DrawnWrench, Payload, Scale, Wrench, place
+from pfd_ros.view.forms import Drawing
+from pfd_ros.view.links import SLIDING, TURNING, Array, LinkPoses, reach_of
+from pfd_ros.view.loads import DrawnPayload, DrawnWrench, Load, place, scale_of
 from pfd_ros.view.meshes import Colour
 
 GHOST_COLOUR, GHOST_OPACITY = (60, 150, 90), 0.35
 FLOOR_COLOUR, FLOOR_LINES = (205, 208, 214), 8
-PATH_COLOURS = ((160, 205, 250), (20, 60, 140))
+PATH_COLOURS = np.array([(160, 205, 250), (20, 60, 140)])
 # Radius of a ring and of its wire, as parts of the reach.
 RING, RING_WIRE = 0.062, 0.007
 # Of a ring, from no torque to the limit; few levels, since each change of colour is a message.
@@ -35,117 +35,54 @@ NEAR = 2e-3
 MARGIN = 0.1
 # Distance of the camera from the middle of what is shown, as a part of its size.
 DISTANCE, DIRECTION = 0.9, np.array([0.75, -0.85, 0.4]) / np.linalg.norm([0.75, -0.85, 0.4])
-TURNING, SLIDING = ('revolute', 'continuous'), 'prismatic'
-MOVING = (*TURNING, SLIDING)
 LEGEND = """Rings: joint torque, from blue (none) to red (at its limit); violet: the joint is at
 the end of its range; grey: no torque known. Line: path of the tip. Translucent: the ghost.
 
 Red arrow: external force on the last link; yellow, with two heads: external torque, right-handed.
-Scale: {}.
+Scale: 1 m = {0.force:g} N, 1 m = {0.torque:g} N m.
 
 Turquoise body: the payload, a box with its mass and inertia, or a ball without inertia; black: its
 centre of mass."""
 
 
-class LinkPoses:
+def draw_links(
+    scene: Any,
+    root: str,
+    drawing: Drawing,
+    poses: LinkPoses,
+    colour: Colour | None = None,
+    opacity: float | None = None,
+) -> Callable[[Array], None]:
+    """Draw the links of an arm below a node, perhaps in one colour; return what moves them.
+
+    That function takes the frames of all links, (links, 4, 4).
     """
-    The frames of all links in the frame of the root, as functions of positions of some joints.
+    nodes: dict[int, Any] = {}
+    for number, shape in enumerate(drawing.shapes):
+        link = poses.links.index(shape.link)
+        # Names of links may contain anything; numbers make paths.
+        name = f'{root}/link_{link}'
+        if link not in nodes:
+            nodes[link] = scene.add_frame(name, show_axes=False)
+        scene.add_mesh_simple(
+            f'{name}/{number}',
+            *triangles(shape.mesh),
+            color=colour or shape.colour,
+            opacity=opacity,
+            flat_shading=shape.flat,
+            side='double',
+        )
 
-    Joints that mimic these joints follow, others are at 0. ValueError if the joints are no tree.
-
-    Attributes
-    ----------
-    links : tuple of str
-        Names of the links, a parent before its children.
-    tip : str
-        The link at the end of the longest chain of the given joints, and of links fixed to it.
-
-    """
-
-    def __init__(self, urdf: pfd.Urdf, joints: Sequence[str]) -> None:
-        by_child: dict[str, Any] = {}
-        for joint in urdf.joints.values():
-            if joint.child in by_child:
-                raise ValueError(f'link {joint.child!r} of the URDF has two parents')
-            by_child[joint.child] = joint
-        names = [name for name in urdf.links if name not in by_child]
-        for parent in names:  # which grows meanwhile
-            names += [child for child, joint in by_child.items() if joint.parent == parent]
-        if len(names) < len(urdf.links):
-            lost = [name for name in urdf.links if name not in names]
-            raise ValueError(f'links {listed(lost)} of the URDF are no tree')
-        self.links = tuple(names)
-        self._urdf, self._joints = urdf, tuple(joints)
-        self._index = {name: k for k, name in enumerate(names)}
-        self._ordered = [by_child[name] for name in names if name in by_child]
-        # Transform of a joint: origin (1 + sin(x) turn + (1 - cos(x)) turn^2 + x slide).
-        count = len(self._ordered)
-        self._origins, self._turns, self._slides = np.zeros((3, count, 4, 4))
-        depth = dict.fromkeys(names, (0, 0))
-        for k, joint in enumerate(self._ordered):
-            self._origins[k] = pose_of(*joint.origin)
-            axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
-            if joint.kind in TURNING:
-                self._turns[k, :3, :3] = np.cross(np.eye(3), axis)
-            elif joint.kind == SLIDING:
-                self._slides[k, :3, 3] = axis
-            moving, links = depth[joint.parent]
-            depth[joint.child] = moving + (joint.name in joints), links + 1
-        self.tip = max(names, key=depth.__getitem__)
-
-    def at(self, positions: ArrayLike) -> Array:
-        """Return the frames (links, 4, 4) at positions (joints,) [rad, m]."""
-        given = dict(zip(self._joints, np.asarray(positions, float).tolist(), strict=True))
-        found = self._urdf.with_followers(given)
-        x = np.array([found.get(joint.name, 0.0) for joint in self._ordered])[:, None, None]
-        turn = self._turns
-        motion = np.eye(4) + np.sin(x) * turn + (1 - np.cos(x)) * (turn @ turn) + x * self._slides
-        poses = np.tile(np.eye(4), (len(self.links), 1, 1))
-        for joint, local in zip(self._ordered, self._origins @ motion, strict=True):
-            poses[self._index[joint.child]] = poses[self._index[joint.parent]] @ local
-        return poses
-
-    def index(self, link: str) -> int:
-        """Return the place of a link in `links`."""
-        return self._index[link]
-
-
-class DrawnArm:
-    """The links of an arm in a page, below a node such as '/arm'; perhaps in one colour."""
-
-    def __init__(
-        self,
-        scene: Any,
-        root: str,
-        drawing: Drawing,
-        poses: LinkPoses,
-        colour: Colour | None = None,
-        opacity: float | None = None,
-    ) -> None:
-        self._poses = poses
-        self._frames: dict[int, Any] = {}
-        for number, shape in enumerate(drawing.shapes):
-            link = poses.index(shape.link)
-            # Names of links may contain anything; numbers make paths.
-            name = f'{root}/link_{link}'
-            if link not in self._frames:
-                self._frames[link] = scene.add_frame(name, show_axes=False)
-            scene.add_mesh_simple(
-                f'{name}/{number}',
-                shape.vertices,
-                shape.faces,
-                color=colour or shape.colour,
-                opacity=opacity,
-                flat_shading=shape.flat,
-                side='double',
-            )
-
-    def show(self, positions: ArrayLike) -> Array:
-        """Move the arm to joint positions and return the frames of all links, (links, 4, 4)."""
-        frames = self._poses.at(positions)
-        for link, node in self._frames.items():
+    def move(frames: Array) -> None:
+        for link, node in nodes.items():
             place(node, frames[link])
-        return frames
+
+    return move
+
+
+def triangles(mesh: trimesh.Trimesh) -> tuple[Array, Array]:
+    """Return vertices (V, 3) and faces (F, 3) as a page takes them."""
+    return np.array(mesh.vertices, np.float32), np.array(mesh.faces, np.int32)
 
 
 class Stage:
@@ -171,29 +108,25 @@ class Stage:
         urdf: pfd.Urdf,
         drawing: Drawing,
         joints: Sequence[str] | None = None,
-        largest: NDArray[np.float64] | None = None,
+        largest: ArrayLike = 0.0,
     ) -> None:
-        free = [j.name for j in urdf.joints.values() if j.kind in MOVING and j.mimic is None]
+        moving = [j for j in urdf.joints.values() if j.kind in (*TURNING, SLIDING)]
+        free = [j.name for j in moving if j.mimic is None]
         self.joints = tuple(free if joints is None else joints)
         self.poses = LinkPoses(urdf, self.joints)
-        self.scale = Scale.of(urdf)
-        self._server, self._reach = server, reach_of(urdf)
-        scene = server.scene
-        self._arm = DrawnArm(scene, '/arm', drawing, self.poses)
-        self._wrench = DrawnWrench(scene, self._reach, self.scale)
-        self._payload = DrawnPayload(scene, self._reach)
+        self.scale, self._server, self._reach = scale_of(urdf), server, reach_of(urdf)
+        scene, reach = server.scene, self._reach
+        self._move = draw_links(scene, '/arm', drawing, self.poses)
+        self._wrench = DrawnWrench(scene, reach, self.scale)
+        self._payload = DrawnPayload(scene, reach)
         limits = [urdf.joints[name].limits for name in self.joints]
-        ends = np.array([item.get('effort', np.inf) for item in limits])
-        other = np.zeros(len(limits)) if largest is None else largest
+        ends = np.array([item.get('effort', 0.0) for item in limits])
+        ends = np.where(np.isfinite(ends) & (ends > 0), ends, largest)
         # Without a scale a torque has no colour.
-        self._ends = np.where(
-            np.isfinite(ends) & (ends > 0), ends, np.where(other > 0, other, np.nan)
-        )
+        self._ends = np.where(ends > 0, ends, np.nan)
         self._lower = np.array([item.get('lower', -np.inf) for item in limits])
         self._upper = np.array([item.get('upper', np.inf) for item in limits])
         self._rings = [self._ring(k, urdf.joints[name]) for k, name in enumerate(self.joints)]
-        self._colours: list[Colour] = [UNKNOWN] * len(self.joints)
-        reach = self._reach
         ticks = np.linspace(-reach, reach, FLOOR_LINES + 1)
         lines = [[[x, -reach, 0.0], [x, reach, 0.0]] for x in ticks]
         lines += [[[-reach, y, 0.0], [reach, y, 0.0]] for y in ticks]
@@ -205,44 +138,46 @@ class Stage:
     def show(
         self,
         q: ArrayLike,
-        effort: ArrayLike | None = None,
-        wrench: Wrench | None = None,
-        payload: Payload | None = None,
+        effort: ArrayLike = np.nan,
+        wrench: Load | None = None,
+        payload: Load | None = None,
     ) -> None:
         """
         Show positions and efforts (joints,), NaN for an unknown one, and the loads on a link.
 
         Units are rad, m and N m, N.
         """
-        position = np.asarray(q, float)
-        unknown = np.full(len(self.joints), np.nan)
         with self._server.atomic():
-            frames = self._arm.show(position)
-            colours = self._loads(position, unknown if effort is None else np.asarray(effort))
-            for k, ((node, mesh, link), colour) in enumerate(
-                zip(self._rings, colours, strict=True)
-            ):
+            frames = self.poses.at(q)
+            self._move(frames)
+            colours = self._colours(np.asarray(q, float), np.asarray(effort, float))
+            for (node, mesh, link), colour in zip(self._rings, colours, strict=True):
                 place(node, frames[link])
-                if colour != self._colours[k]:
-                    mesh.color = self._colours[k] = colour
-            at = self.poses.index
-            self._wrench.show(None if wrench is None else frames[at(wrench.frame)], wrench)
-            self._payload.show(None if payload is None else frames[at(payload.frame)], payload)
+                mesh.color = colour
 
-    def ghost(self, drawing: Drawing, poses: LinkPoses) -> DrawnArm:
-        """Return another arm in the page, drawn translucent."""
-        return DrawnArm(self._server.scene, '/ghost', drawing, poses, GHOST_COLOUR, GHOST_OPACITY)
+            def frame_of(link: str) -> Array:
+                frame: Array = frames[self.poses.links.index(link)]
+                return frame
+
+            self._wrench.show(wrench, frame_of)
+            self._payload.show(payload, frame_of)
+
+    def ghost(self, drawing: Drawing, poses: LinkPoses) -> Callable[[Array], None]:
+        """Draw another arm, translucent; return what moves its links to frames."""
+        return draw_links(
+            self._server.scene, '/ghost', drawing, poses, GHOST_COLOUR, GHOST_OPACITY
+        )
 
     def path(self, points: Array) -> None:
         """Draw a path through points (N, 3), light at its start and dark at its end."""
         if len(points) < 2:
             return
         segments = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
-        part = np.linspace(0.0, 1.0, len(segments))[:, None]
-        ends = (1 - part) * np.array(PATH_COLOURS[0]) + part * np.array(PATH_COLOURS[1])
-        colours = np.repeat(ends[:, None], 2, axis=1).astype(np.uint8)
-        thickness = self._reach / 250
-        self._server.scene.add_line_segments('/path', segments, colours, thickness=thickness)
+        part = np.linspace(0.0, 1.0, len(segments))[:, None, None]
+        colours = np.repeat((1 - part) * PATH_COLOURS[0] + part * PATH_COLOURS[1], 2, axis=1)
+        self._server.scene.add_line_segments(
+            '/path', segments, colours.astype(np.uint8), thickness=self._reach / 250
+        )
 
     def look(self, positions: ArrayLike = ()) -> None:
         """Place the camera so that the arm at positions (N, joints) is in view, or its reach."""
@@ -263,13 +198,11 @@ class Stage:
         ring.apply_transform(trimesh.geometry.align_vectors([0.0, 0.0, 1.0], joint.axis))
         scene, name = self._server.scene, f'/joints/{number}'
         node = scene.add_frame(name, show_axes=False)
-        vertices, faces = np.array(ring.vertices, np.float32), np.array(ring.faces, np.int32)
-        mesh = scene.add_mesh_simple(
-            f'{name}/ring', vertices, faces, color=UNKNOWN, cast_shadow=False
-        )
-        return node, mesh, self.poses.index(joint.child)
+        look = {'color': UNKNOWN, 'cast_shadow': False}
+        mesh = scene.add_mesh_simple(f'{name}/ring', *triangles(ring), **look)
+        return node, mesh, self.poses.links.index(joint.child)
 
-    def _loads(self, position: Array, effort: Array) -> list[Colour]:
+    def _colours(self, position: Array, effort: Array) -> list[Colour]:
         """Return the colour of each joint."""
         with np.errstate(invalid='ignore', divide='ignore'):
             parts = np.where(effort == 0, 0.0, np.abs(effort) / self._ends)
@@ -277,16 +210,9 @@ class Stage:
             at_limit = (position <= self._lower + margin) | (position >= self._upper - margin)
         # Without a range: unlimited, or both ends equal.
         at_limit &= np.isfinite(margin) & (margin > 0)
-        return [
-            AT_LIMIT if stuck else _load_colour(part)
-            for part, stuck in zip(parts.tolist(), at_limit.tolist(), strict=True)
-        ]
-
-
-def _load_colour(part: float) -> Colour:
-    if np.isnan(part):
-        return UNKNOWN
-    level = round(min(max(part, 0.0), 1.0) * (LEVELS - 1)) / (LEVELS - 1)
-    places = np.linspace(0.0, 1.0, len(LOAD_COLOURS))
-    red, green, blue = (round(float(np.interp(level, places, c))) for c in LOAD_COLOURS.T)
-    return red, green, blue
+        levels = np.round(np.minimum(parts, 1.0) * (LEVELS - 1)) / (LEVELS - 1)
+        places = np.linspace(0.0, 1.0, len(LOAD_COLOURS))
+        mixed = np.stack([np.interp(levels, places, c) for c in LOAD_COLOURS.T], axis=-1)
+        mixed = np.where(np.isnan(levels)[:, None], UNKNOWN, mixed)
+        mixed = np.where(at_limit[:, None], AT_LIMIT, mixed)
+        return [tuple(row) for row in np.round(mixed).astype(int).tolist()]

@@ -1,9 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What acts on a link in a page: an external wrench as arrows, a payload as a body."""
+"""What acts on a link: an external wrench, drawn as arrows, and a payload, drawn as a body."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Container
 import math
 from typing import Any, NamedTuple
 
@@ -11,7 +12,11 @@ import numpy as np
 import trimesh
 
 import pfd_core as pfd
-from pfd_ros.view.forms import LEAST, LONGEST, Array, equivalent_box, reach_of
+from pfd_ros.arm import events
+from pfd_ros.messages.types import INERTIA, WRENCH
+from pfd_ros.text import cut
+from pfd_ros.view.forms import LEAST, LONGEST, equivalent_box
+from pfd_ros.view.links import Array, reach_of
 
 # As rviz draws a WrenchStamped: force and torque.
 FORCE_COLOUR, TORQUE_COLOUR = (204, 51, 51), (204, 170, 20)
@@ -28,21 +33,60 @@ NO_MASS = 100.0
 DENSITY = 2700.0
 
 
-class Wrench(NamedTuple):
-    """A force (3,) [N] and a torque (3,) [N m] at the origin and in the axes of a link."""
+class Load(NamedTuple):
+    """Numbers in the frame of a link: of a Source."""
 
     frame: str
-    force: tuple[float, ...]
-    torque: tuple[float, ...]
+    numbers: tuple[float, ...]
 
 
-class Payload(NamedTuple):
-    """Mass [kg], centre of mass (3,) [m] in a link, and xx xy xz yy yz zz about it [kg m^2]."""
+class Source(NamedTuple):
+    """The messages about a load: type, role, last names of the topic in other logs, and fields."""
 
-    frame: str
-    mass: float
-    center: tuple[float, ...]
-    inertia: tuple[float, ...]
+    what: str
+    type: str
+    role: str
+    names: tuple[str, ...]
+    paths: tuple[str, ...]
+    acts: Callable[[tuple[float, ...]], bool]
+
+    def load(
+        self,
+        frame: str,
+        numbers: tuple[float, ...],
+        links: Container[str],
+        say: Callable[[str], None],
+    ) -> Load | None:
+        """Return the load of a message, None without one; `say` why it cannot be shown."""
+        if not all(map(math.isfinite, numbers)) or not self.acts(numbers):
+            return None
+        if frame not in links:
+            say(f'{self.what} not shown: its frame {cut(frame)!r} is no link of the model')
+            return None
+        return Load(frame, numbers)
+
+
+# Force [N] and torque [N m] at the origin of the link.
+WRENCHES = Source(
+    'wrench',
+    WRENCH,
+    events.TIP_WRENCH,
+    ('external_wrench', 'tip_wrench'),
+    tuple(f'wrench.{part}.{axis}' for part in ('force', 'torque') for axis in 'xyz'),
+    any,
+)
+# Mass [kg], centre of mass [m], and xx xy xz yy yz zz about it [kg m^2].
+PAYLOADS = Source(
+    'payload',
+    INERTIA,
+    events.PAYLOAD_IN_USE,
+    ('payload_in_use', 'payload'),
+    tuple(
+        f'inertia.{name}'
+        for name in ('m', 'com.x', 'com.y', 'com.z', 'ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
+    ),
+    lambda numbers: numbers[0] > 0.0,
+)
 
 
 class Scale(NamedTuple):
@@ -51,17 +95,13 @@ class Scale(NamedTuple):
     force: float
     torque: float
 
-    def __str__(self) -> str:
-        """Return the scale as a page states it."""
-        return f'1 m = {self.force:g} N, 1 m = {self.torque:g} N m'
 
-    @classmethod
-    def of(cls, urdf: pfd.Urdf) -> Scale:
-        """Return the scale for a model, by its weight."""
-        reach = reach_of(urdf)
-        weight = GRAVITY * sum(link.mass for link in urdf.links.values() if link is not None)
-        force = _round(weight / (WEIGHTS * reach)) if 0 < weight < math.inf else NO_MASS
-        return cls(force, _round(force * reach / TORQUE_ARM))
+def scale_of(urdf: pfd.Urdf) -> Scale:
+    """Return the scale of the arrows of a model, by its weight."""
+    reach = reach_of(urdf)
+    weight = GRAVITY * sum(link.mass for link in urdf.links.values() if link is not None)
+    force = _round(weight / (WEIGHTS * reach)) if 0 < weight < math.inf else NO_MASS
+    return Scale(force, _round(force * reach / TORQUE_ARM))
 
 
 def _round(value: float) -> float:
@@ -70,89 +110,82 @@ def _round(value: float) -> float:
     return min((1, 2, 5, 10), key=lambda n: abs(math.log(n * power / value))) * power
 
 
-class DrawnWrench:
-    """An external wrench: an arrow along the force, and one with two heads along the torque."""
+class DrawnLoad:
+    """A load in a page, below the node of its name; a subclass draws its numbers."""
+
+    def __init__(self, scene: Any, name: str, reach: float) -> None:
+        self._scene, self._name, self._reach = scene, name, reach
+        self._shown: Load | None = None
+        self._node = scene.add_frame(name, show_axes=False, visible=False)
+
+    def show(self, load: Load | None, frame_of: Callable[[str], Array]) -> None:
+        """Show a load at the frame (4, 4) of its link, or none."""
+        if load is not None:
+            place(self._node, frame_of(load.frame))
+        if load != self._shown:
+            self._shown = load
+            self._node.visible = load is not None
+            if load is not None:
+                self._draw(np.array(load.numbers))
+
+    def _draw(self, numbers: Array) -> None:
+        raise NotImplementedError
+
+
+class DrawnWrench(DrawnLoad):
+    """An arrow along the force, and one with two heads along the torque."""
 
     def __init__(self, scene: Any, reach: float, scale: Scale) -> None:
-        self._shown: Wrench | None = None
-        self._head = HEAD_LENGTH * reach
-        self._node = scene.add_frame('/wrench', show_axes=False, visible=False)
+        super().__init__(scene, '/wrench', reach)
         self._arrows = []
         for name, colour, heads, unit, size in (
             ('force', FORCE_COLOUR, 1, 'N', scale.force),
             ('torque', TORQUE_COLOUR, 2, 'N m', scale.torque),
         ):
-            arrow = scene.add_arrows(
-                f'/wrench/{name}',
-                np.zeros((heads, 2, 3)),
-                colour,
-                shaft_radius=SHAFT * reach,
-                head_radius=HEAD * reach,
-            )
-            label = scene.add_label(f'/wrench/{name}/label', '', anchor='bottom-left')
+            path, radii = f'/wrench/{name}', {'shaft_radius': SHAFT, 'head_radius': HEAD}
+            radii = {key: share * reach for key, share in radii.items()}
+            arrow = scene.add_arrows(path, np.zeros((heads, 2, 3)), colour, **radii)
+            label = scene.add_label(f'{path}/label', '', anchor='bottom-left')
             self._arrows.append((arrow, label, unit, size))
 
-    def show(self, frame: Array | None, wrench: Wrench | None) -> None:
-        """Show a wrench at the frame (4, 4) of its link, or none."""
-        if wrench != self._shown:
-            self._shown = wrench
-            self._node.visible = wrench is not None
-            if wrench is not None:
-                for arrow, vector in zip(self._arrows, wrench[1:], strict=True):
-                    self._change(*arrow, np.array(vector))
-        if frame is not None:
-            place(self._node, frame)
-
-    def _change(self, arrow: Any, label: Any, unit: str, size: float, vector: Array) -> None:
-        amount, end = float(np.linalg.norm(vector)), vector / size
-        arrow.visible = label.visible = amount > 0
-        if amount > 0:
-            length = amount / size
-            # A short arrow is a small head.
-            arrow.head_length = head = min(self._head, length / len(arrow.points))
-            ends = [end * (1 - k * head / length) for k in range(len(arrow.points))]
-            arrow.points = np.array([[np.zeros(3), point] for point in ends], np.float32)
-            label.position, label.text = end, f'{amount:.3g} {unit}, 1 m = {size:g} {unit}'
+    def _draw(self, numbers: Array) -> None:
+        for (arrow, label, unit, size), vector in zip(
+            self._arrows, numbers.reshape(2, 3), strict=True
+        ):
+            amount, end, heads = float(np.linalg.norm(vector)), vector / size, len(arrow.points)
+            arrow.visible = label.visible = amount > 0
+            if amount > 0:
+                length = amount / size
+                # A short arrow is a small head.
+                arrow.head_length = head = min(HEAD_LENGTH * self._reach, length / heads)
+                ends = [end * (1 - k * head / length) for k in range(heads)]
+                arrow.points = np.array([[np.zeros(3), point] for point in ends], np.float32)
+                label.position, label.text = end, f'{amount:.3g} {unit}, 1 m = {size:g} {unit}'
 
 
-class DrawnPayload:
-    """A payload: a box with its mass and inertia (a ball without inertia), its centre, a label."""
+class DrawnPayload(DrawnLoad):
+    """The box with its mass and inertia (a ball without inertia), its centre of mass, a label."""
 
     def __init__(self, scene: Any, reach: float) -> None:
-        self._scene, self._reach = scene, reach
-        self._shown: Payload | None = None
-        self._node = scene.add_frame('/payload', show_axes=False, visible=False)
-        self._centre = scene.add_icosphere(
-            '/payload/centre', radius=CENTRE * reach, color=CENTRE_COLOUR
-        )
+        super().__init__(scene, '/payload', reach)
+        mark = {'radius': CENTRE * reach, 'color': CENTRE_COLOUR}
+        self._centre = scene.add_icosphere('/payload/centre', **mark)
         self._label = scene.add_label('/payload/label', '', anchor='top-right')
 
-    def show(self, frame: Array | None, payload: Payload | None) -> None:
-        """Show a payload at the frame (4, 4) of its link, or none."""
-        if payload != self._shown:
-            self._shown = payload
-            self._node.visible = payload is not None
-            if payload is not None:
-                self._change(payload)
-        if frame is not None:
-            place(self._node, frame)
-
-    def _change(self, payload: Payload) -> None:
+    def _draw(self, numbers: Array) -> None:
+        (mass,), centre, inertia = np.split(numbers, (1, 4))
         look = {'color': PAYLOAD_COLOUR, 'opacity': PAYLOAD_OPACITY}
         # Each replaces the body before.
-        if any(payload.inertia):
-            edges, axes = equivalent_box(payload.mass, payload.inertia, self._reach)
-            body = self._scene.add_box('/payload/body', dimensions=edges, **look)
-            pose = np.eye(4)
-            pose[:3, :3], pose[:3, 3] = axes, payload.center
-            place(body, pose)
+        if inertia.any():
+            edges, axes = equivalent_box(mass, inertia, self._reach)
+            body = self._scene.add_box('/payload/body', dimensions=tuple(edges), **look)
+            place(body, np.block([[axes, centre[:, None]], [np.zeros((1, 3)), 1.0]]))
         else:
-            radius = (3 * payload.mass / (4 * np.pi * DENSITY)) ** (1 / 3)
+            radius = (3 * mass / (4 * np.pi * DENSITY)) ** (1 / 3)
             radius = float(np.clip(radius, LEAST * self._reach, LONGEST * self._reach))
-            at = payload.center
-            self._scene.add_icosphere('/payload/body', radius=radius, position=at, **look)
-        self._centre.position = self._label.position = payload.center
-        self._label.text = f'payload {payload.mass:.3g} kg'
+            self._scene.add_icosphere('/payload/body', radius=radius, position=centre, **look)
+        self._centre.position = self._label.position = centre
+        self._label.text = f'payload {mass:.3g} kg'
 
 
 def place(node: Any, frame: Array) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a log shows: the model that it contains, joint states, and what acts on the last link.
+"""A log in a page: its model, joint states, the path of its tip, and what acts on its last link.
 
 A recording of the node holds the wrench on its tip and its payload as outputs. Other logs are
 searched for topics with their names.
@@ -8,45 +8,61 @@ searched for topics with their names.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Mapping
-from dataclasses import dataclass
-import os
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
-from pfd_ros.arm.events import DESCRIPTION, PAYLOAD_IN_USE, STATES, TIP_WRENCH
+from pfd_ros.arm.events import DESCRIPTION, STATES
 from pfd_ros.messages.cdr import NANOSECONDS
-from pfd_ros.messages.types import INERTIA, JOINT_STATE, STRING, WRENCH
+from pfd_ros.messages.types import JOINT_STATE, STRING
 from pfd_ros.recording.arrays import LogArrays, read_log, renamed
 from pfd_ros.recording.topic_arrays import TopicArrays
 from pfd_ros.text import cut, listed, one_line
-from pfd_ros.view.arm import LinkPoses
-from pfd_ros.view.forms import named_model, parsed_urdf
-from pfd_ros.view.loads import Payload, Wrench
+from pfd_ros.view.arm import Stage
+from pfd_ros.view.forms import draw
+from pfd_ros.view.links import Array, LinkPoses, folder_of, named_model, parsed_urdf
+from pfd_ros.view.loads import PAYLOADS, WRENCHES, Load, Source
+from pfd_ros.view.meshes import Meshes
 
 # Positions beyond this [rad, m] are not drawn.
 LARGEST_POSITION = 1e6
-Array = NDArray[np.float64]
+# States of which the bounds of the motion are taken, and points of the path of the tip.
+SAMPLES, POINTS = 50, 2000
 
 
-@dataclass(frozen=True, eq=False)
-class Logged:
+class ShownLog:
     """The motion of an arm in a log, with N states.
+
+    Parameters
+    ----------
+    path
+        The log.
+    robot
+        The model, as `load_robot` takes it, in place of the one in the log.
+    topic
+        The topic of joint states; default: joint_states, or else the one with most joints of the
+        model.
+    packages
+        As `Meshes` takes them.
+    rename
+        As `renamed` takes it.
+    wrench_topic
+        A topic of wrenches, in place of the one by its role or name.
+    other
+        The model of a log that has none.
 
     Attributes
     ----------
-    urdf, folder
-        The model, and the folder of its file, None if it has none.
+    urdf, drawing, poses
+        The model, what is drawn of it, and the frames of its links.
     joints
         Joints of the model that the log names.
-    time
-        From the first state [s], (N,), not decreasing.
-    start
-        Time of the first state, as the log has it [s].
+    time, start
+        Times from the first state [s], (N,), not decreasing; and its own, as the log has it.
     position, effort
         (N, joints) [rad, m], [N m, N]. A value that a message lacks is the one before, or 0;
         efforts without any value are NaN.
@@ -55,54 +71,9 @@ class Logged:
     tip
         The link whose path is drawn.
     problems
-        What the log lacks, a line each.
+        What the log or its model lacks, a line each.
     unreadable
         Number of joint states that cannot be decoded.
-    """
-
-    urdf: pfd.Urdf
-    folder: Path | None
-    joints: tuple[str, ...]
-    time: Array
-    start: float
-    position: Array
-    effort: Array
-    wrench: list[Wrench | None]
-    payload: list[Payload | None]
-    tip: str
-    problems: tuple[str, ...]
-    unreadable: int = 0
-
-
-def logged(
-    path: Path,
-    *,
-    robot: str | None = None,
-    topic: str | None = None,
-    wrench_topic: str | None = None,
-    rename: Mapping[str, str] | None = None,
-    start: float | None = None,
-    end: float | None = None,
-    other: pfd.Urdf | None = None,
-) -> Logged:
-    """
-    Return what a log shows.
-
-    Parameters
-    ----------
-    path, start, end
-        The log and a window of it, as `read_log` takes them.
-    robot
-        The model, as `load_robot` takes it, in place of the one in the log.
-    topic
-        The topic of joint states; default: joint_states, or else the one with most joints of the
-        model.
-    wrench_topic
-        A topic of wrenches, in place of the one by its role or name.
-    rename
-        As `renamed` takes it.
-    other
-        The model of a log that has none.
 
     Raises
     ------
@@ -112,54 +83,96 @@ def logged(
     OSError
         If a file cannot be read.
     """
-    types = JOINT_STATE, STRING, WRENCH, INERTIA
-    log = read_log(path, types=types, start=start, end=end, unreadable='count')
-    log = renamed(log, rename or {})
-    problems: dict[str, None] = {}
-    if not log.complete:
-        problems[f'{path} was cut off: it is shown up to the cut'] = None
-    urdf, folder = _model(log, robot, other)
-    states, joints = _states(log, topic, urdf, problems)
-    ns, order = _times(states, problems)
-    columns = [states.names.index(name) for name in joints]
-    position, effort = (
-        _filled(getattr(states, item)[order][:, columns]) for item in ('position', 'effort')
-    )
-    if not np.isfinite(position).any():
-        problems['no positions: the arm is shown at zero'] = None
-    poses = LinkPoses(urdf, joints)
-    tip = '' if log.robot is None else log.robot.tip
-    wrench, payload = (
-        _acting(log, load, wanted, ns, states.log_ns[order], poses.links, problems)
-        for load, wanted in ((_WRENCH, wrench_topic), (_PAYLOAD, None))
-    )
-    return Logged(
-        urdf,
-        folder,
-        joints,
-        (ns - ns[0]) / NANOSECONDS,
-        float(ns[0] / NANOSECONDS),
-        np.nan_to_num(position),
-        effort,
-        wrench,
-        payload,
-        tip if tip in poses.links else poses.tip,
-        tuple(map(one_line, problems)),
-        states.unreadable,
-    )
+
+    def __init__(
+        self,
+        path: Path,
+        robot: str | None = None,
+        topic: str | None = None,
+        packages: tuple[Path, ...] = (),
+        rename: Mapping[str, str] | None = None,
+        wrench_topic: str | None = None,
+        other: pfd.Urdf | None = None,
+    ) -> None:
+        types = JOINT_STATE, STRING, WRENCHES.type, PAYLOADS.type
+        log = renamed(read_log(path, types=types, unreadable='count'), rename or {})
+        problems: dict[str, None] = {}
+        if not log.complete:
+            problems[f'{path} was cut off: it is shown up to the cut'] = None
+        self.urdf, folder = _model(log, robot, other)
+        states = _states(log, topic, self.urdf)
+        self.joints = tuple(name for name in states.names if name in self.urdf.joints)
+        self.unreadable = states.unreadable
+        unknown = [name for name in states.names if name not in self.urdf.joints]
+        if unknown:
+            text = f'{len(unknown)} joints of the log are not in the model: {listed(unknown)}'
+            problems[text] = None
+        if states.unreadable:
+            problems[f'{states.unreadable} joint states cannot be read'] = None
+        ns, order = states.log_ns, np.arange(len(states))
+        stamps = states.stamp_ns
+        if stamps is not None and (len(stamps) == 1 or np.ptp(stamps) > 0):
+            order = np.argsort(stamps, kind='stable')
+            ns = stamps[order]
+        else:
+            problems['the stamps do not increase: times are log times'] = None
+        self.time, self.start = (ns - ns[0]) / NANOSECONDS, float(ns[0] / NANOSECONDS)
+        columns = [states.names.index(name) for name in self.joints]
+        position, self.effort = (
+            _filled(getattr(states, item)[order][:, columns]) for item in ('position', 'effort')
+        )
+        if not np.isfinite(position).any():
+            problems['no positions: the arm is shown at zero'] = None
+        self.position = np.nan_to_num(position)
+        self.poses = LinkPoses(self.urdf, self.joints)
+        recorded = None if log.robot is None else log.robot.tip
+        self.tip = recorded if recorded in self.poses.links else self.poses.tip
+        self.wrench, self.payload = (
+            _acting(log, source, wanted, (ns, states.log_ns[order]), self.poses.links, problems)
+            for source, wanted in ((WRENCHES, wrench_topic), (PAYLOADS, None))
+        )
+        self.drawing = draw(self.urdf, Meshes(folder, packages))
+        self.problems = (*map(one_line, problems), *self.drawing.problems)
+
+    def fill(self, server: Any, ghost: ShownLog | None = None) -> Callable[[float], None]:
+        """Draw the log in an empty page; return a function that shows a time [s]."""
+        largest = np.max(np.abs(np.nan_to_num(self.effort)), axis=0, initial=0.0)
+        stage = Stage(server, self.urdf, self.drawing, self.joints, largest)
+        move = None if ghost is None else stage.ghost(ghost.drawing, ghost.poses)
+        offset = 0.0 if ghost is None else self.offset(ghost) or 0.0
+        tip = self.poses.links.index(self.tip)
+        rows = np.unique(np.linspace(0, len(self.time) - 1, POINTS).astype(int))
+        stage.path(np.array([self.poses.at(q)[tip, :3, 3] for q in self.position[rows]]))
+        stage.look(self.position[rows[:: max(len(rows) // SAMPLES, 1)]])
+
+        def show(time: float) -> None:
+            with server.atomic():
+                k = self._row(time)
+                stage.show(self.position[k], self.effort[k], self.wrench[k], self.payload[k])
+                if ghost is not None and move is not None:
+                    move(ghost.poses.at(ghost.position[ghost._row(time - offset)]))
+
+        return show
+
+    def offset(self, ghost: ShownLog) -> float | None:
+        """Return the time [s] at which a ghost starts, None if both have no time in common."""
+        offset = ghost.start - self.start
+        return offset if -ghost.time[-1] <= offset <= self.time[-1] else None
+
+    def _row(self, time: float) -> int:
+        """Return the row of the last state at or before a time [s], 0 before the first."""
+        return max(int(np.searchsorted(self.time, time, side='right')) - 1, 0)
 
 
 def _model(
     log: LogArrays, robot: str | None, other: pfd.Urdf | None
 ) -> tuple[pfd.Urdf, Path | None]:
     """Return the model that is named, or the URDF or the robot in a log, and its folder."""
-    source = str((log.settings or {}).get('robot', ''))
-    # os.path.isfile is False for a text that is no path.
-    folder = Path(source).absolute().parent if os.path.isfile(source) else None
     if robot is not None:
         return named_model(robot)
+    folder = folder_of(str((log.settings or {}).get('robot', '')))
     for topic in (name for name in log if name.rpartition('/')[2] == DESCRIPTION):
-        if log.topics[topic] == STRING and not log.obstacle(topic) and len(log[topic]):
+        if _readable(log, topic, STRING):
             return parsed_urdf(str(log[topic].data[-1]), f'{topic} of {log.path}'), folder
     if log.robot is not None:
         return parsed_urdf(pfd.robot_to_urdf(log.robot), f'the robot in {log.path}'), folder
@@ -171,128 +184,70 @@ def _model(
     )
 
 
-def _states(
-    log: LogArrays, topic: str | None, urdf: pfd.Urdf, problems: dict[str, None]
-) -> tuple[TopicArrays, tuple[str, ...]]:
-    """Return the joint states to show, and the joints of the model among theirs."""
+def _states(log: LogArrays, topic: str | None, urdf: pfd.Urdf) -> TopicArrays:
+    """Return the joint states to show."""
     known = {
         t: set(log[t].names) & urdf.joints.keys() for t in log if _readable(log, t, JOINT_STATE)
     }
-    named = [t for t in known if t.rpartition('/')[2] == STATES]
     if topic is None and not known:
         why = [why for t in log if (why := log.obstacle(t))]
         raise ValueError('; '.join(why) or f'{log.path} has no messages of {JOINT_STATE}')
+    named = [t for t in known if t.rpartition('/')[2] == STATES]
     chosen = topic or max(named or known, key=lambda t: len(known[t]))
     if chosen not in known:
         raise ValueError(
             f'{log.path} has no topic {chosen!r} of {JOINT_STATE}; it has {listed(list(known))}'
         )
-    states = log[chosen]
-    joints = tuple(name for name in states.names if name in urdf.joints)
-    unknown = [name for name in states.names if name not in urdf.joints]
-    if not joints:
+    if not known[chosen]:
         raise ValueError(
             f'no joint of {cut(chosen)} in {log.path} is one of the model: it has '
-            f'{listed(unknown)}, the model {listed(list(urdf.joints))}; --robot names another '
-            'model, --rename OLD=NEW other beginnings of names'
+            f'{listed(log[chosen].names)}, the model {listed(list(urdf.joints))}; --robot names '
+            'another model, --rename OLD=NEW other beginnings of names'
         )
-    if unknown:
-        problems[f'{chosen}: {len(unknown)} joints are not in the model: {listed(unknown)}'] = None
-    if states.unreadable:
-        problems[f'{chosen}: {states.unreadable} messages cannot be read'] = None
-    return states, joints
+    return log[chosen]
 
 
 def _readable(log: LogArrays, topic: str, kind: str) -> bool:
     return log.topics[topic] == kind and not log.obstacle(topic) and len(log[topic]) > 0
 
 
-def _times(
-    states: TopicArrays, problems: dict[str, None]
-) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
-    """Return times of states, not decreasing [ns], and their order: of stamps, or of the log."""
-    stamps = states.stamp_ns
-    if stamps is not None and (len(stamps) == 1 or stamps.max() > stamps.min()):
-        order = np.argsort(stamps, kind='stable')
-        return stamps[order], order
-    problems['the stamps do not increase: times are log times'] = None
-    return states.log_ns, np.arange(len(states))
-
-
 def _filled(values: Array) -> Array:
     """Return values (N, k) with each gap filled by the value before it; NaN before the first."""
     there = np.abs(values) <= LARGEST_POSITION
     last = np.maximum.accumulate(np.where(there, np.arange(len(values))[:, None], 0), axis=0)
-    found = np.take_along_axis(values, last, axis=0)
-    found[~np.take_along_axis(there, last, axis=0)] = np.nan
-    return found
-
-
-class _Load(NamedTuple):
-    """Messages about a load: their type, their role, the last names of their topic in other logs.
-
-    `paths` are the fields with their numbers, of which `make` makes a value, None for no load.
-    """
-
-    kind: str
-    role: str
-    names: tuple[str, ...]
-    paths: tuple[str, ...]
-    make: Callable[[str, list[float]], Any]
-
-
-_WRENCH = _Load(
-    WRENCH,
-    TIP_WRENCH,
-    ('external_wrench', 'tip_wrench'),
-    tuple(f'wrench.{part}.{axis}' for part in ('force', 'torque') for axis in 'xyz'),
-    lambda frame, x: Wrench(frame, tuple(x[:3]), tuple(x[3:])) if any(x) else None,
-)
-_PAYLOAD = _Load(
-    INERTIA,
-    PAYLOAD_IN_USE,
-    ('payload_in_use', 'payload'),
-    tuple(
-        f'inertia.{field}'
-        for field in ('m', 'com.x', 'com.y', 'com.z', 'ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
-    ),
-    lambda frame, x: Payload(frame, x[0], tuple(x[1:4]), tuple(x[4:])) if x[0] > 0.0 else None,
-)
+    return np.take_along_axis(np.where(there, values, np.nan), last, axis=0)
 
 
 def _acting(
     log: LogArrays,
-    load: _Load,
+    source: Source,
     topic: str | None,
-    ns: NDArray[np.int64],
-    logged_ns: NDArray[np.int64],
-    links: Container[str],
+    times_ns: tuple[NDArray[np.int64], NDArray[np.int64]],
+    links: tuple[str, ...],
     problems: dict[str, None],
-) -> list[Any]:
-    """Return a load in each of the states of times `ns` that were logged at `logged_ns`."""
-    filled = [name for name in sorted(log) if _readable(log, name, load.kind)]
+) -> list[Load | None]:
+    """Return a load in each of the states, by their times and their log times."""
+    filled = [name for name in sorted(log) if _readable(log, name, source.type)]
     if topic is not None and topic not in filled:
         raise ValueError(
-            f'{log.path} has no topic {topic!r} of {load.kind}; it has {listed(filled)}'
+            f'{log.path} has no topic {topic!r} of {source.type}; it has {listed(filled)}'
         )
     if topic is None and log.roles:
-        topic = next((name for name in filled if log.roles.get(name) == load.role), None)
+        topic = next((name for name in filled if log.roles.get(name) == source.role), None)
     elif topic is None:
-        named = (t for name in load.names for t in filled if t.rpartition('/')[2] == name)
+        named = (t for name in source.names for t in filled if t.rpartition('/')[2] == name)
         topic = next(named, None)
     if topic is None:
-        return [None] * len(ns)
-    found, values = log[topic], list[Any]()
-    numbers = np.stack([found.arrays[path] for path in load.paths], axis=1)
-    for frame, row in zip(found.arrays['header.frame_id'], numbers.tolist(), strict=True):
-        value = load.make(frame, row) if np.isfinite(row).all() else None
-        if value is not None and frame not in links:
-            problem = f'{topic} is not shown: its frame {cut(frame)!r} is no link of the model'
-            problems[problem] = value = None
-        values.append(value)
+        return [None] * len(times_ns[0])
+    found = log[topic]
+    numbers = np.stack([found.arrays[path] for path in source.paths], axis=1).tolist()
+    loads = [
+        source.load(frame, tuple(row), links, lambda line: problems.setdefault(line))
+        for frame, row in zip(found.arrays['header.frame_id'], numbers, strict=True)
+    ]
     ours = found.simulated_ns
     # Elsewhere it acts from the first state on that was logged with it or after it.
-    begins, times = (found.log_ns, logged_ns) if ours is None else (ours, ns)
+    begins, times = (found.log_ns, times_ns[1]) if ours is None else (ours, times_ns[0])
     # The last place is of the states before the first message.
-    values.append(None)
-    return [values[k] for k in np.searchsorted(begins, times, side='right') - 1]
+    loads.append(None)
+    return [loads[k] for k in np.searchsorted(begins, times, side='right') - 1]

@@ -22,7 +22,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Response
 
 from pfd_ros.files import new_file
-from pfd_ros.view.ports import HOST, check_port, in_use
+from pfd_ros.view.ports import HOST, IN_USE
 
 # Names of this computer, in requests of its browsers.
 NAMES = (HOST, 'localhost')
@@ -48,8 +48,6 @@ def page(port: int, title: str) -> Iterator[viser.ViserServer]:
     the internet in the same browser could read the arm's otherwise. ValueError if another program
     listens on the port.
     """
-    # The server itself would take the next port.
-    check_port(port)
     serve = websockets.asyncio.server.serve
 
     def guarded(*args: Any, process_request: Any, **options: Any) -> Any:
@@ -68,9 +66,14 @@ def page(port: int, title: str) -> Iterator[viser.ViserServer]:
     finally:
         websockets.asyncio.server.serve = serve  # type: ignore[misc]
     try:
+        # The server takes the next port if another program has this one.
         if port not in (0, server.get_port()):
-            raise ValueError(in_use(port))
-        _check_guard(server.get_port())
+            raise ValueError(IN_USE.format(port))
+        connection = http.client.HTTPConnection(HOST, server.get_port())
+        connection.request('GET', '/', headers={'Host': 'other.example'})
+        if connection.getresponse().status != http.HTTPStatus.FORBIDDEN:
+            raise ValueError('this version of viser cannot be guarded against other hosts')
+        connection.close()
         server.gui.configure_theme(show_logo=False, show_share_button=False)
         server.gui.main_panel.dock_right()
         server.scene.set_up_direction('+z')
@@ -82,24 +85,11 @@ def page(port: int, title: str) -> Iterator[viser.ViserServer]:
 
 def from_here(headers: Any) -> bool:
     """Return whether a request names this computer, and comes from no page of another origin."""
-    try:
-        (host,), origins = headers.get_all('Host'), headers.get_all('Origin')
-    except ValueError:
-        return False
+    hosts, origins = headers.get_all('Host'), headers.get_all('Origin')
     # Browsers leave out port 80.
-    name = host.rpartition(':')[0] or host
-    return name in NAMES and all(origin == f'http://{host}' for origin in origins)
-
-
-def _check_guard(port: int) -> None:
-    """Raise ValueError if a request with another host is served."""
-    connection = http.client.HTTPConnection(HOST, port)
-    try:
-        connection.request('GET', '/', headers={'Host': 'other.example'})
-        if connection.getresponse().status != http.HTTPStatus.FORBIDDEN:
-            raise ValueError('this version of viser cannot be guarded against other hosts')
-    finally:
-        connection.close()
+    names = [host.rpartition(':')[0] or host for host in hosts]
+    known = len(names) == 1 and names[0] in NAMES
+    return known and all(origin == f'http://{hosts[0]}' for origin in origins)
 
 
 def address(server: viser.ViserServer) -> str:
@@ -112,7 +102,7 @@ class Player:
     The time that a page shows of a log: slider, play, speed, one state forward or back.
 
     `times` are the times of the states [s], from 0 on. `show` is called with the time when it
-    changes, always in the thread of `run`.
+    changes, always in the thread of `run`. A log of one state has no controls.
     """
 
     def __init__(
@@ -123,21 +113,19 @@ class Player:
         self._lock = threading.Lock()
         self.time, self.playing = 0.0, False
         self._shown: float | None = None
-        self._gui: dict[str, Any] = {}
-        if self._end < TICK:
+        self._controls = self._end >= TICK
+        if not self._controls:
             return
         last = max(round(self._end / TICK) * TICK, TICK)
-        self._gui = {
-            'play': gui.add_button('Play', icon='player-play'),
-            'time': gui.add_slider('Time [s]', 0.0, last, TICK, 0.0),
-            'speed': gui.add_dropdown('Speed', tuple(SPEEDS), initial_value='1x'),
-            'back': gui.add_button('State back', icon='player-skip-back'),
-            'forward': gui.add_button('State forward', icon='player-skip-forward'),
-        }
-        self._gui['play'].on_click(lambda _: self.toggle())
-        self._gui['back'].on_click(lambda _: self.step(-1))
-        self._gui['forward'].on_click(lambda _: self.step(1))
-        self._gui['time'].on_update(self._dragged)
+        self._play = gui.add_button('Play', icon='player-play')
+        self._slider = gui.add_slider('Time [s]', 0.0, last, TICK, 0.0)
+        self._speed = gui.add_dropdown('Speed', tuple(SPEEDS), initial_value='1x')
+        back = gui.add_button('State back', icon='player-skip-back')
+        forward = gui.add_button('State forward', icon='player-skip-forward')
+        self._play.on_click(lambda _: self.toggle())
+        back.on_click(lambda _: self.step(-1))
+        forward.on_click(lambda _: self.step(1))
+        self._slider.on_update(self._dragged)
 
     def toggle(self) -> None:
         """Play or pause; at the end, play from the start."""
@@ -162,16 +150,15 @@ class Player:
         """Let wall time [s] pass, and show the time if it changed."""
         with self._lock:
             if self.playing:
-                self.time += seconds * SPEEDS[self._gui['speed'].value]
-                if self.time >= self._end:
-                    self.time, self.playing = self._end, False
+                self.time = min(self.time + seconds * SPEEDS[self._speed.value], self._end)
+                self.playing = self.time < self._end
             now, playing = self.time, self.playing
-        if self._gui:
-            self._gui['play'].label = 'Pause' if playing else 'Play'
+        if self._controls:
+            self._play.label = 'Pause' if playing else 'Play'
+            if now != self._shown:
+                self._slider.value = round(now, 6)
         if now != self._shown:
             self._shown = now
-            if self._gui:
-                self._gui['time'].value = round(now, 6)
             self._show(now)
 
     def run(self, stop: threading.Event) -> None:

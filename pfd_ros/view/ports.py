@@ -11,17 +11,13 @@ HOST, PORT = '127.0.0.1', 8080
 # What a view of a running arm prints once a browser shows it.
 OPENED = 'a browser has opened the page'
 NEEDED = ('viser', 'trimesh', 'collada')
+IN_USE = 'port {} is in use: --port 0 takes a free one'
 
 
 def check_page(port: int) -> None:
     """Raise ValueError, with the cure, if a page cannot be served here, or not on a port."""
     if any(importlib.util.find_spec(name) is None for name in NEEDED):
         raise ValueError("the 3D view needs viser and trimesh: pip install 'pfd_ros[view]'")
-    check_port(port)
-
-
-def check_port(port: int) -> None:
-    """Raise ValueError if another program listens on a port; 0 is any free one."""
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         # As servers do: a port whose last connections are closing is free.
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -30,9 +26,4 @@ def check_port(port: int) -> None:
         except PermissionError as error:
             raise ValueError(f'port {port} needs privileges: --port 0 takes a free one') from error
         except OSError as error:
-            raise ValueError(in_use(port)) from error
-
-
-def in_use(port: int) -> str:
-    """Return the line about a port that another program has."""
-    return f'port {port} is in use: --port 0 takes a free one'
+            raise ValueError(IN_USE.format(port)) from error

@@ -7,6 +7,7 @@ The first part needs no page, the second a page without a browser, the third log
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from functools import partial
 import http.client
 import os
@@ -23,17 +24,19 @@ from typing import Any
 import urllib.request
 import warnings
 
-from arm_messages import payload, wrench
+from arm_messages import efforts, payload, placed, wrench
 import bridge
 from bridge import (
+    WRENCH_TYPE,
     LinkPoses,
     Meshes,
     ShownLog,
     Stage,
-    ViewPayload,
+    ViewLoad,
     ViewPlayer,
-    ViewWrench,
     draw,
+    encode_joints,
+    encode_numbers,
     export_view,
     frame_times,
     pfd_commands_of,
@@ -41,6 +44,7 @@ from bridge import (
     pfd_parser,
     view_address,
 )
+from logs import JOINT_STATE, Row, write_mcap
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -67,8 +71,7 @@ from view_models import (
 from waiting import PATIENCE, wait_until
 
 import pfd_core as pfd
-
-STATES = 3
+from pfd_ros import read_log
 
 
 def box_stl(edge: float) -> bytes:
@@ -100,7 +103,7 @@ def drawn(text: str, folder: Path | None = None, *packages: Path) -> Any:
 
 def edges(drawing: Any, link: str = 'arm') -> list[float]:
     """Return the extents of what is drawn of a link, in its frame."""
-    points = np.concatenate([s.vertices for s in drawing.shapes if s.link == link])
+    points = np.concatenate([s.mesh.vertices for s in drawing.shapes if s.link == link])
     return [float(x) for x in np.ptp(points, axis=0)]
 
 
@@ -116,7 +119,7 @@ def test_the_tip_and_all_links_are_at_the_poses_of_pinocchio(robot: str) -> None
     poses = LinkPoses(model_urdf, names)
     data = model.createData()
     rng = np.random.default_rng(5)
-    for _ in range(STATES):
+    for _ in range(3):
         q = rng.uniform(-1.5, 1.5, len(names))
         full = pin.neutral(model)
         for name, value in zip(names, q, strict=True):
@@ -152,7 +155,7 @@ def test_the_meshes_of_each_link_fill_the_space_that_pinocchio_reads_from_them(
     assert {shape.link for shape in drawing.shapes} == set(expected)
     for link, parts in expected.items():
         points = np.concatenate(parts)
-        found = np.concatenate([s.vertices for s in drawing.shapes if s.link == link])
+        found = np.concatenate([s.mesh.vertices for s in drawing.shapes if s.link == link])
         for end in (np.min, np.max):
             np.testing.assert_allclose(end(found, axis=0), end(points, axis=0), atol=1e-7)
 
@@ -170,11 +173,11 @@ def test_primitives_are_drawn_with_their_sizes_places_and_colours() -> None:
         )
     )
     box, cylinder, sphere = drawing.shapes
-    np.testing.assert_allclose(box.vertices.min(axis=0), [0.95, -0.1, -0.15], atol=1e-7)
-    np.testing.assert_allclose(box.vertices.max(axis=0), [1.05, 0.1, 0.15], atol=1e-7)
+    np.testing.assert_allclose(box.mesh.vertices.min(axis=0), [0.95, -0.1, -0.15], atol=1e-7)
+    np.testing.assert_allclose(box.mesh.vertices.max(axis=0), [1.05, 0.1, 0.15], atol=1e-7)
     assert box.colour == (255, 0, 128)
-    np.testing.assert_allclose(np.ptp(cylinder.vertices, axis=0), [0.6, 0.2, 0.2], rtol=1e-2)
-    radii = np.linalg.norm(sphere.vertices, axis=1)
+    np.testing.assert_allclose(np.ptp(cylinder.mesh.vertices, axis=0), [0.6, 0.2, 0.2], rtol=1e-2)
+    radii = np.linalg.norm(sphere.mesh.vertices, axis=1)
     np.testing.assert_allclose(radii, 0.25, rtol=1e-6)
     assert drawing.problems == ()
 
@@ -186,8 +189,8 @@ def test_a_urdf_without_visuals_is_drawn_from_frames_and_inertias() -> None:
     assert drawing.problems == ('the URDF has no visuals: the arm is drawn as a skeleton',)
     # The rod to the end, and the box of the inertia: m (b^2 + c^2) / 12 about each axis.
     rod, box = (shape for shape in drawing.shapes if shape.link == 'arm')
-    assert rod.vertices[:, 2].min() == pytest.approx(-0.4)
-    a, b, c = np.ptp(box.vertices, axis=0)
+    assert rod.mesh.vertices[:, 2].min() == pytest.approx(-0.4)
+    a, b, c = np.ptp(box.mesh.vertices, axis=0)
     moments = 2.0 / 12 * np.array([b * b + c * c, a * a + c * c, a * a + b * b])
     edge_limit = 0.6 * 0.9
     assert (a, b) == pytest.approx((np.sqrt(0.06), np.sqrt(0.06)))
@@ -223,9 +226,7 @@ def test_meshes_are_found_by_path_and_package_and_scaled(
     assert edges(scaled) == pytest.approx([1.0, 0.5, 0.25])
     (mirrored,) = scaled.shapes
     # Seen from outside, the corners of a face still turn counter-clockwise.
-    corners = mirrored.vertices[mirrored.faces]
-    volume = np.einsum('ij,ij->i', corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
-    assert volume == pytest.approx(0.5**3 / 6)
+    assert mirrored.mesh.volume == pytest.approx(0.5**3 / 6)
 
 
 def test_collada_has_its_own_unit_and_its_up_axis_is_ignored_as_in_rviz(tmp_path: Path) -> None:
@@ -239,40 +240,33 @@ def test_collada_has_its_own_unit_and_its_up_axis_is_ignored_as_in_rviz(tmp_path
     [
         ('package://some_arm/../secret.stl', 'leaves its package'),
         ('package://some_arm/meshes/../../secret.stl', 'leaves its package'),
-        ('package://../secret.stl', 'leaves its package'),
         ('package://some_arm//etc/part.stl', 'leaves its package'),
         ('http://localhost/part.stl', 'http: is not read'),
-        ('https://localhost/part.stl', 'https: is not read'),
-        ('ftp://localhost/part.stl', 'ftp: is not read'),
         ('package://other_arm/part.stl', "package 'other_arm' is not found: use --package-path"),
-        ('package://some_arm/none.stl', 'there is no file'),
+        ('package://some_arm/none.stl', 'is not a regular file'),
         ('notes.txt', 'its suffix must be one of'),
         ('/dev/zero', 'it is not below the folder of the description'),
-        ('/etc/part.stl', 'it is not below the folder of the description'),
         ('file:///etc/part.stl', 'it is not below the folder of the description'),
         ('../secret.stl', 'it is not below the folder of the description'),
         ('meshes/../../secret.stl', 'it is not below the folder of the description'),
         ('SECRET', 'it is not below the folder of the description'),
         ('pipe.stl', 'is not a regular file'),
         ('folder.stl', 'is not a regular file'),
-        ('x' * 5000 + '.stl', 'there is no file'),
+        ('x' * 5000 + '.stl', 'File name too long'),
         ('part\0.stl', 'not well-formed'),
         ('', 'it has no filename'),
-        ('empty.stl', 'cannot be read'),
+        ('empty.stl', 'no triangles'),
         ('noise.dae', 'cannot be read'),
         ('coded.dae', 'cannot be read: unknown encoding: foo'),
-        ('hex.dae', 'cannot be read'),
-        ('large.stl', 'has more than'),
-        ('triangles.stl', 'more than 3 triangles'),
-        ('entities.dae', 'it has a <!DOCTYPE>'),
+        ('large.stl', 'the meshes have more than 16384 bytes'),
+        ('triangles.stl', 'it has more than 3 triangles'),
         ('wide_entities.dae', 'it has a <!DOCTYPE>'),
-        ('nodes.dae', 'it has more than 16 <instance_node>'),
         ('wide_nodes.dae', 'it has more than 16 <instance_node>'),
         ('named_nodes.dae', 'it has more than 16 <instance_node>'),
         ('far.stl', 'a vertex is not finite, or too far away'),
-        ('parts.dae', 'it has 1001 groups of triangles, more than 1000'),
-        ('parts.obj', 'it has 1001 groups of triangles, more than 1000'),
-        ('parts.stl', 'it has 1001 groups of triangles, more than 1000'),
+        ('parts.dae', 'the meshes have more than 1000 parts'),
+        ('parts.obj', 'the meshes have more than 1000 parts'),
+        ('parts.stl', 'the meshes have more than 1000 parts'),
     ],
 )
 def test_a_mesh_that_cannot_be_used_is_one_line_and_its_link_a_skeleton(
@@ -290,13 +284,10 @@ def test_a_mesh_that_cannot_be_used_is_one_line_and_its_link_a_skeleton(
         'empty.stl': b'',
         'noise.dae': bytes(range(256)),
         'coded.dae': b'<?xml version="1.0" encoding="foo"?><x/>',
-        'hex.dae': b'<?xml version="1.0" encoding="hex"?><x/>',
         'large.stl': bytes(1 << 15),
         'triangles.stl': box_stl(1.0),
         'far.stl': box_stl(1e30),
-        'entities.dae': entities.encode(),
         'wide_entities.dae': entities.encode('utf-16'),
-        'nodes.dae': nodes.encode(),
         'wide_nodes.dae': nodes.encode('utf-16'),
         'named_nodes.dae': named.encode(),
         'parts.dae': f'<x>{1001 * "<triangles/>"}</x>'.encode(),
@@ -305,9 +296,10 @@ def test_a_mesh_that_cannot_be_used_is_one_line_and_its_link_a_skeleton(
     }
     for name, data in files.items():
         (package / name).write_bytes(data)
-    monkeypatch.setattr(*bridge.target('MESH_MOST_BYTES'), 1 << 14)
+    monkeypatch.setattr(*bridge.target('MESHES_MOST_BYTES'), 1 << 14)
+    monkeypatch.setattr(*bridge.target('MESHES_MOST_PARTS'), 1000)
     if uri == 'triangles.stl':
-        monkeypatch.setattr(*bridge.target('MESH_MOST_TRIANGLES'), 3)
+        monkeypatch.setattr(*bridge.target('MESHES_MOST_TRIANGLES'), 3)
     text = urdf(mesh(uri.replace('SECRET', f'{tmp_path}/secret.stl')))
     if '\0' in uri:
         with pytest.raises(ValueError, match=reason):
@@ -322,39 +314,22 @@ def test_a_mesh_that_cannot_be_used_is_one_line_and_its_link_a_skeleton(
     assert all(shape.stands_in for shape in drawing.shapes)
 
 
-def test_meshes_have_a_bound_for_their_parts_together(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(*bridge.target('MESHES_MOST_PARTS'), 4)
-    names = [f'{k}.dae' for k in range(3)]
-    for name in names:  # of two parts each
-        (tmp_path / name).write_text(dae(1.0))
-    drawing = drawn(urdf(*map(mesh, names)), tmp_path)
-    assert drawing.problems[0].startswith('1 of 3 meshes are not read')
-    assert drawing.problems[0].endswith('the meshes have more than 4 parts')
-
-
-def test_missing_meshes_are_counted_and_the_others_drawn(tmp_path: Path) -> None:
-    (tmp_path / 'part.stl').write_bytes(box_stl(0.5))
-    text = urdf(mesh('part.stl'), mesh('none.stl'), mesh('none.stl'), mesh('gone.stl'))
-    drawing = drawn(text, tmp_path)
-    assert drawing.problems[0].startswith('2 of 3 meshes are not read')
-    assert [shape.stands_in for shape in drawing.shapes] == [False]
-
-
 @pytest.mark.parametrize(
     ('bound', 'value', 'reason'),
     [
-        ('MESHES_MOST_BYTES', 600, 'the meshes have more than 0 MiB together'),
+        ('MESHES_MOST_BYTES', 600, 'the meshes have more than 600 bytes'),
+        ('MESHES_MOST_PARTS', 4, 'the meshes have more than 4 parts'),
         ('MESHES_MOST_TRIANGLES', 8, 'the meshes have more than 8 triangles'),
     ],
 )
 def test_meshes_have_bounds_together(
     bound: str, value: int, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    names = [f'{k}.stl' for k in range(4)]
+    of_parts = bound == 'MESHES_MOST_PARTS'
+    names = [f'{k}.{"dae" if of_parts else "stl"}' for k in range(4)]
     for name in names:
-        (tmp_path / name).write_bytes(box_stl(0.5))
+        # Of two parts each.
+        (tmp_path / name).write_bytes(dae(1.0).encode() if of_parts else box_stl(0.5))
     monkeypatch.setattr(*bridge.target(bound), value)
     drawing = drawn(urdf(*map(mesh, names)), tmp_path)
     assert drawing.problems[0].startswith('2 of 4 meshes are not read')
@@ -410,32 +385,29 @@ def pendulum(server: Any, text: str = '', largest: float = 0.0) -> Stage:
     return Stage(server, model, draw(model, Meshes()), largest=np.array([largest]))
 
 
+UNLIMITED = urdf().replace('effort="10"', 'effort="0"').replace('"revolute"', '"continuous"')
+
+
 @pytest.mark.parametrize(
-    ('q', 'effort', 'colour'),
+    ('q', 'effort', 'colour', 'text', 'largest'),
     [
-        (0.0, 0.0, NONE),
-        (0.0, -10.0, FULL),
-        (0.0, 70.0, FULL),
-        (0.0, 5.0, (168, 198, 90)),
-        (0.0, np.nan, GREY),
-        (-3.0, 0.0, VIOLET),
-        (3.1, 5.0, VIOLET),
-        (2.9, 0.0, NONE),
+        (0.0, 0.0, NONE, '', 0.0),
+        (0.0, -10.0, FULL, '', 0.0),
+        (0.0, 70.0, FULL, '', 0.0),
+        (0.0, 5.0, (168, 198, 90), '', 0.0),
+        (0.0, np.nan, GREY, '', 0.0),
+        (-3.0, 0.0, VIOLET, '', 0.0),
+        (3.1, 5.0, VIOLET, '', 0.0),
+        (2.9, 0.0, NONE, '', 0.0),
+        # Without an effort limit the scale ends at the largest torque.
+        (99.0, -4.0, FULL, UNLIMITED, 4.0),
+        (99.0, -4.0, GREY, UNLIMITED, 0.0),
     ],
 )
 def test_a_ring_has_the_colour_of_the_torque_and_violet_at_the_end_of_the_range(
-    q: float, effort: float, colour: tuple[int, int, int], empty: Any
+    q: float, effort: float, colour: tuple[int, int, int], text: str, largest: float, empty: Any
 ) -> None:
-    pendulum(empty).show([q], [effort])
-    assert tuple(Nodes(empty)['/joints/0/ring'].color) == colour
-
-
-@pytest.mark.parametrize(('largest', 'colour'), [(4.0, FULL), (0.0, GREY)])
-def test_without_an_effort_limit_the_scale_ends_at_the_largest_torque(
-    largest: float, colour: tuple[int, int, int], empty: Any
-) -> None:
-    free = urdf().replace('effort="10"', 'effort="0"').replace('"revolute"', '"continuous"')
-    pendulum(empty, free, largest).show([99.0], [-4.0])
+    pendulum(empty, text, largest).show([q], [effort])
     assert tuple(Nodes(empty)['/joints/0/ring'].color) == colour
 
 
@@ -451,7 +423,7 @@ PAYLOADS = [
 
 
 @pytest.mark.parametrize(
-    ('frame', 'payload'), [*zip(WRENCHES, (*PAYLOADS, PAYLOADS[0]), strict=True)]
+    ('frame', 'payload'), one_fast([*zip(WRENCHES, (*PAYLOADS, PAYLOADS[0]), strict=True)])
 )
 def test_links_arrows_and_payload_are_at_the_poses_of_pinocchio(
     frame: str, payload: Any, empty: Any
@@ -461,15 +433,16 @@ def test_links_arrows_and_payload_are_at_the_poses_of_pinocchio(
     force, torque = WRENCHES[frame]
     model = pin.buildModelFromXML(model_urdf.text)
     for q in np.random.default_rng(3).uniform(-2.0, 2.0, (2, 6)):
-        wrench = ViewWrench(frame, force, torque)
-        stage.show(q, None, wrench, ViewPayload('wrist_3_link', *payload))
+        wrench = ViewLoad(frame, (*force, *torque))
+        numbers = payload[0], *payload[1], *payload[2]
+        stage.show(q, np.nan, wrench, ViewLoad('wrist_3_link', numbers))
         data = frames_by_pinocchio(model, stage.joints, q)
 
         def at(link: str, data: Any = data) -> pin.SE3:
             return data.oMf[model.getFrameId(link, pin.FrameType.BODY)]
 
         for link in ('base_link', 'forearm_link', 'wrist_3_link'):
-            shown = nodes.pose(f'/arm/link_{stage.poses.index(link)}')
+            shown = nodes.pose(f'/arm/link_{stage.poses.links.index(link)}')
             np.testing.assert_allclose(shown.homogeneous, at(link).homogeneous, atol=1e-12)
         assert visible(nodes) == ['/wrench/force', '/wrench/torque', '/payload']
         check_wrench(nodes, at(frame), force, torque, stage.scale)
@@ -517,7 +490,7 @@ def test_a_running_arm_is_shown_by_joint_names_and_invalid_numbers_move_nothing(
     pytest.importorskip('rclpy')
     stage, lines = pendulum(empty), []
     shown = bridge.LiveShown(stage, lines.append)
-    node = Nodes(empty)[f'/arm/link_{stage.poses.index("end")}']
+    node = Nodes(empty)[f'/arm/link_{stage.poses.links.index("end")}']
 
     def check(q: float) -> None:
         shown.draw()
@@ -576,8 +549,8 @@ def test_the_wrench_and_the_payload_of_a_running_arm_are_shown_on_links_of_the_m
         step()
         assert visible(nodes) == there
     assert [line.partition(':')[0] for line in lines] == [
-        'a wrench is not shown',
-        'a payload is not shown',
+        'wrench not shown',
+        'payload not shown',
     ]
 
 
@@ -604,12 +577,9 @@ def test_the_player_plays_pauses_steps_and_ends(empty: Any) -> None:
         do()
         player.advance(seconds)
         assert shown[-1] == pytest.approx(time)
-
-
-def test_a_log_of_one_state_has_no_controls(empty: Any) -> None:
-    shown: list[float] = []
-    ViewPlayer(empty.gui, np.zeros(1), shown.append).advance(1.0)
-    assert shown == [0.0]
+    # A log of one state has no controls.
+    ViewPlayer(None, np.zeros(1), shown.append).advance(1.0)
+    assert shown[-1] == 0.0
 
 
 @pytest.mark.parametrize(('duration', 'count'), [(0.0, 3), (1.0, 33), (1e4, 3002)])
@@ -627,7 +597,7 @@ def test_an_exported_page_has_the_arm_at_its_times_and_loads_nothing(tmp_path: P
 
     def fill(server: Any) -> Any:
         stage = pendulum(server)
-        index['end'] = stage.poses.index('end')
+        index['end'] = stage.poses.links.index('end')
         return lambda time: stage.show([2.0 * time])
 
     assert export_view(target, 1.0, fill) == target.stat().st_size
@@ -665,14 +635,11 @@ def test_an_export_replaces_no_file_and_leaves_none_behind(tmp_path: Path) -> No
     [
         ('127.0.0.1:PORT', None, False, 200),
         ('localhost:PORT', None, False, 200),
-        ('127.0.0.1', 'http://127.0.0.1', False, 200),
         ('127.0.0.1:PORT', 'http://127.0.0.1:PORT', False, 200),
         # Another port: a tunnel of ssh.
         ('localhost:9', 'http://localhost:9', False, 200),
         ('127.0.0.1:PORT', 'http://127.0.0.1:PORT', True, 101),
         ('evil.example:PORT', None, False, 403),
-        ('evil.example:PORT', None, True, 403),
-        ('127.0.0.1:PORT', 'http://evil.example', False, 403),
         ('127.0.0.1:PORT', 'http://evil.example', True, 403),
         ('127.0.0.1:PORT', 'http://localhost:PORT', True, 403),
         ('127.0.0.1:PORT', 'null', True, 403),
@@ -729,6 +696,27 @@ def test_without_the_extra_the_error_names_it(
 
 # Logs.
 
+TIP = pfd.load_robot('planar2').tip
+JOINTS = ('shoulder', 'elbow')
+SKELETON = ('the URDF has no visuals: the arm is drawn as a skeleton',)
+
+
+def write_log(path: Path, rows: Iterable[tuple[str, str, float, bytes]]) -> Path:
+    """Write a log of another program: topic, type, log time [s] and bytes."""
+    rows = list(rows)
+    kinds = {topic: kind for topic, kind, _, _ in rows}
+    return write_mcap(path, [Row(topic, time, data) for topic, _, time, data in rows], kinds)
+
+
+def state(
+    time: float, names: Iterable[str] = JOINTS, stamp: float | None = None, **values: Any
+) -> tuple[str, str, float, bytes]:
+    """Return a message on /joint_states, stamped with its log time unless another is given."""
+    values = {'position': [0.1 * time] * len(list(names)), **values}
+    stamp_ns = round(1e9 * (time if stamp is None else stamp))
+    return '/joint_states', JOINT_STATE, time, encode_joints(names, stamp_ns=stamp_ns, **values)
+
+
 STATES_AT = (0.0, 0.1, 0.2, 0.35, 0.5)
 
 
@@ -736,7 +724,7 @@ def test_a_log_is_shown_at_its_states_with_the_path_of_its_tip(tmp_path: Path, e
     log = ShownLog(swinging(tmp_path / 'bag', STATES_AT, described()))
     assert log.problems == ('the URDF has no visuals: the arm is drawn as a skeleton',)
     show, nodes = log.fill(empty), Nodes(empty)
-    node = nodes[f'/arm/link_{log.poses.index("end")}']
+    node = nodes[f'/arm/link_{log.poses.links.index("end")}']
     for time, q in ((0.0, 0.0), (0.099, 0.0), (0.1, 0.1), (0.34, 0.2), (0.35, 0.35), (9.0, 0.5)):
         show(time)
         np.testing.assert_allclose(node.position, pendulum_end(q).translation, atol=1e-12)
@@ -745,25 +733,33 @@ def test_a_log_is_shown_at_its_states_with_the_path_of_its_tip(tmp_path: Path, e
     np.testing.assert_allclose(points, expected, atol=SINGLE)
 
 
-def test_a_recorded_push_and_payload_are_shown_while_they_act(tmp_path: Path, empty: Any) -> None:
-    path = tmp_path / 'run.mcap'
+def test_a_recording_shows_its_states_and_the_loads_that_acted(tmp_path: Path, empty: Any) -> None:
+    path = tmp_path / 'a.mcap'
+    body = payload(TIP, 2.0, (0.0, 0.1, 0.0), (0.02, 0.0, 0.0, 0.02, 0.0, 0.02))
     events = {
-        20: [wrench('tip_link', (4.0, 0.0, 0.0), (0.0, 0.0, 1.0))],
-        40: [wrench('tip_link'), payload('tip_link', 0.5, (0.1, 0.0, 0.0))],
-        60: [payload('tip_link', 0.0)],
+        1: [efforts(0.5, 0.2)],
+        50: [wrench(TIP, (5.0, 0.0, 0.0), (0.0, 0.0, 1.0))],
+        100: [body],
+        150: [payload(TIP, 0.0)],
+        160: [placed(JOINTS, (0.3, -0.2))],
     }
-    roles = ('external_wrench', 'payload', 'payload_in_use', 'tip_wrench')
-    simulate(path, 80, events, roles, external_wrench=True, outputs=('tip_wrench',))
-    log = ShownLog(path)
-    show, nodes = log.fill(empty), Nodes(empty)
-    shown = []
-    for time in log.log.time:
-        show(time)
-        shown.append(tuple(visible(nodes)))
-    found = dict.fromkeys(shown)
-    assert list(found) == [(), ('/wrench/force', '/wrench/torque'), ('/payload',)]
-    assert 19 <= shown.count(('/wrench/force', '/wrench/torque')) <= 21
-    assert 19 <= shown.count(('/payload',)) <= 21
+    settings = {'external_wrench': True, 'external_wrench_timeout': 0.03}
+    roles = ['external_wrench', 'tip_wrench', 'payload', 'payload_in_use']
+    simulate(path, 200, events, roles, **settings)
+    found, states = ShownLog(path), read_log(path)['/joint_states']
+    assert (found.joints, found.tip, found.problems) == (JOINTS, TIP, SKELETON)
+    np.testing.assert_allclose(found.time, states.time - states.time[0], rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(found.position, states.position)
+    np.testing.assert_array_equal(found.effort, states.effort)
+    show, nodes = found.fill(empty), Nodes(empty)
+    acting = {50: '/wrench/force /wrench/torque', 79: '/wrench/force /wrench/torque'}
+    acting |= {49: '', 80: '', 99: '', 100: '/payload', 149: '/payload', 150: ''}
+    for cycle, names in acting.items():
+        # The first state is that of cycle 1.
+        show(found.time[cycle - 1])
+        assert visible(nodes) == names.split(), cycle
+    assert found.wrench[50] == (TIP, (5.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+    assert found.payload[120].numbers[:4] == (2.0, 0.0, 0.1, 0.0)
 
 
 def test_a_ghost_is_shown_at_the_same_stamps_and_another_topic_may_be_one(
@@ -784,11 +780,11 @@ def test_a_ghost_is_shown_at_the_same_stamps_and_another_topic_may_be_one(
     show, nodes = arm.fill(empty, ghost), Nodes(empty)
     for time, q in ((0.0, 1.0), (0.25, 1.0), (0.35, 2.0), (0.5, 3.0)):
         show(time)
-        node = nodes[f'/ghost/link_{ghost.poses.index("end")}']
+        node = nodes[f'/ghost/link_{ghost.poses.links.index("end")}']
         np.testing.assert_allclose(node.position, pendulum_end(q).translation, atol=1e-12)
     # A log without a model has the model of the arm.
-    other = ShownLog(write_bag(tmp_path / 'other', references), other=arm.log.urdf)
-    assert other.log.joints == ('swing',)
+    other = ShownLog(write_bag(tmp_path / 'other', references), other=arm.urdf)
+    assert other.joints == ('swing',)
     late = ShownLog(
         write_bag(
             tmp_path / 'late',
@@ -801,18 +797,80 @@ def test_a_ghost_is_shown_at_the_same_stamps_and_another_topic_may_be_one(
                 )
             ],
         ),
-        other=arm.log.urdf,
+        other=arm.urdf,
     )
     assert arm.offset(late) is None
 
 
-def test_a_log_with_other_joint_names_is_an_error_and_rename_cures_it(tmp_path: Path) -> None:
-    bag = swinging(tmp_path / 'bag', STATES_AT, described(), joint='left_swing')
-    with pytest.raises(ValueError, match=r"'left_swing'.*--rename"):
-        ShownLog(bag)
-    found = ShownLog(bag, rename={'left_': ''})
-    assert found.log.joints == ('swing',)
-    np.testing.assert_allclose(found.log.position[:, 0], STATES_AT)
+def test_wrenches_of_another_log_act_from_the_state_that_was_logged_after_them(
+    tmp_path: Path,
+) -> None:
+    def push(time: float, newtons: float, frame: str = TIP) -> tuple[str, str, float, bytes]:
+        data = encode_numbers(WRENCH_TYPE, 0, frame, [newtons, 0, 0, 0, 0, 0])
+        return '/ft/external_wrench', WRENCH_TYPE, time, data
+
+    rows = [
+        *(state(0.1 * k) for k in range(1, 11)),
+        push(0.35, 3.0),
+        push(0.75, 0.0),
+        push(0.95, 9.0, 'x'),
+    ]
+    path = write_log(tmp_path / 'a.mcap', sorted(rows, key=lambda row: row[2]))
+    for topic in (None, '/ft/external_wrench'):
+        found = ShownLog(path, robot='planar2', wrench_topic=topic)
+        shown = [value is not None for value in found.wrench]
+        assert shown == [3 <= k < 7 for k in range(10)]
+        assert found.wrench[3].numbers[:3] == (3.0, 0.0, 0.0)
+        assert found.problems[1:] == SKELETON
+        assert "its frame 'x' is no link of the model" in found.problems[0]
+    with pytest.raises(ValueError, match=r"no topic '/nix' of geometry_msgs/msg/WrenchStamped"):
+        ShownLog(path, robot='planar2', wrench_topic='/nix')
+
+
+def test_joints_of_several_publishers_hold_their_values_between_messages(tmp_path: Path) -> None:
+    rows = []
+    for k in range(1, 11):
+        rows.append(state(0.1 * k, ['shoulder'], position=[k], effort=[k]))
+        rows.append(state(0.1 * k + 0.03, ['elbow', 'finger'], position=[-k, 7.0]))
+    found = ShownLog(write_log(tmp_path / 'a.mcap', rows), robot='planar2')
+    assert found.joints == JOINTS
+    assert found.position.tolist()[:4] == [[1, 0], [1, -1], [2, -1], [2, -2]]
+    assert found.effort[:3, 0].tolist() == [1, 1, 2]
+    assert np.isnan(found.effort[:, 1]).all()
+    assert "1 joints of the log are not in the model: ['finger']" in found.problems[0]
+
+
+def test_joints_with_other_names_are_an_error_and_can_be_renamed(tmp_path: Path) -> None:
+    names = ['left_shoulder', 'left_elbow']
+    path = write_log(tmp_path / 'a.mcap', [state(0.1 * k, names) for k in range(1, 11)])
+    with pytest.raises(ValueError, match=r"'left_shoulder'.*'shoulder'.*--rename OLD=NEW"):
+        ShownLog(path, robot='planar2')
+    assert ShownLog(path, robot='planar2', rename={'left_': ''}).joints == JOINTS
+
+
+LACKING: Mapping[str, tuple[list[Any], str]] = {
+    'stamps of zero': ([state(0.1 * k, stamp=0.0) for k in range(1, 11)], 'times are log times'),
+    'no positions': ([state(0.1 * k, position=[]) for k in range(1, 11)], 'shown at zero'),
+    'a cut message': (
+        [state(0.1), ('/joint_states', JOINT_STATE, 0.2, state(0.2)[3][:30]), state(0.3)],
+        '1 joint states cannot be read',
+    ),
+}
+
+
+@pytest.mark.parametrize('name', LACKING)
+def test_what_a_log_lacks_is_a_line(name: str, tmp_path: Path) -> None:
+    rows, words = LACKING[name]
+    found = ShownLog(write_log(tmp_path / 'a.mcap', rows), robot='planar2')
+    assert any(words in line for line in found.problems)
+    assert (np.diff(found.time) > 0.0).all()
+
+
+def test_joint_states_that_cannot_be_read_are_an_error(tmp_path: Path) -> None:
+    garbage = [('/joint_states', JOINT_STATE, 0.1 * k, b'\0\7\0\0garbage') for k in range(1, 5)]
+    for name, rows in (('none', []), ('garbage', garbage)):
+        with pytest.raises(ValueError, match='JointState'):
+            ShownLog(write_log(tmp_path / f'{name}.mcap', rows), robot='planar2')
 
 
 # The command.

@@ -70,7 +70,7 @@ def test_the_arm_of_a_log_is_in_the_page_and_moves_with_time_and_its_push_is_see
     log: ShownLog, tmp_path: Path
 ) -> None:
     with view_page(0, 'test') as server:
-        player = ViewPlayer(server.gui, log.log.time, log.fill(server))
+        player = ViewPlayer(server.gui, log.time, log.fill(server))
         player.advance(0.0)
         with opened(view_address(server), tmp_path / 'profile') as shown:
             low = seen(shown)
@@ -91,7 +91,7 @@ def test_the_arm_of_a_log_is_in_the_page_and_moves_with_time_and_its_push_is_see
 
 def test_the_exported_page_plays_from_disk_without_network(log: ShownLog, tmp_path: Path) -> None:
     target = tmp_path / 'arm.html'
-    export_view(target, float(log.log.time[-1]), log.fill)
+    export_view(target, float(log.time[-1]), log.fill)
     assert not re.findall(r'(?:src|href)="(?:https?:)?//', target.read_text(encoding='utf-8'))
     with opened(target.as_uri(), tmp_path / 'profile') as shown:
         # It plays by itself, from its start and again and again.

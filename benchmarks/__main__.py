@@ -52,7 +52,8 @@ PAGES: Sequence[Page] = (
     Page('derivatives', 'errors of derivatives and linearised steps'),
     Page('counts', 'steps of every method on emulated processors compared with the paper'),
     Page('claims', "the paper's sentences and equations, each with a verdict"),
-    Page('array', 'the triangular array cycle by cycle, recursive doubling and set ordering'),
+    Page('worked-example', 'PCRBM and PCGM of a small arm, lane by lane, and pictures'),
+    Page('array', 'the triangular array, cycle by cycle and with numbers'),
     Page('since-1987', 'methods since 1987, networks between processors, fewer processors'),
 )
 

@@ -29,6 +29,7 @@ import pytest
 
 from benchmarks.cases.paper import claimed, value
 from benchmarks.pages import array as page
+from benchmarks.pages import worked_example
 import pfd_core as pfd
 
 FIRST = SystolicLink((1, 0), (1, 1))
@@ -230,7 +231,7 @@ def test_table_1_counts_a_cycle_as_a_multiplication_and_an_addition(n: int) -> N
 
 @pytest.mark.parametrize('n', [2, 3, 6, 8, 9])
 def test_a_level_doubles_what_a_lane_holds(n: int) -> None:
-    rows = list(page.doubling(n))
+    rows = list(worked_example.doubling(n))
     assert len(rows) == n * (1 + (n - 1).bit_length())
     for x in rows:
         # Lane i holds its element and the 2^k - 1 before it, as far as there are any.

@@ -28,6 +28,8 @@ from closed_forms import LENGTHS, levels
 import numpy as np
 import pytest
 
+from benchmarks.pages import array as array_page
+from benchmarks.pages import worked_example
 import pfd_core as pfd
 
 Places = list[tuple[Any, int]]
@@ -179,3 +181,51 @@ def test_the_column_sweep_solves_triangular_systems(
         if unit:
             assert steps == pfd.Steps(many, many, routes=0 if alone else n - 1)
         assert steps.divisions == (0 if unit else n)
+
+
+# ---- the worked example ----
+
+
+def planar_equation() -> tuple[np.ndarray, np.ndarray]:
+    """Return H and the bias of its arm by the Lagrange equations in the plane, apart from it."""
+    page = worked_example
+    length, reach = page.REACH[:, 0], page.REACH[:, 0] + page.CENTERS[:, 0]
+    angle, speed = np.cumsum(np.round(page.STATE['q'] / (np.pi / 2))), np.cumsum(page.STATE['qd'])
+    along = np.array([[(1, 0), (0, 1), (-1, 0), (0, -1)][int(k) % 4] for k in angle], dtype=float)
+    H, bias = np.zeros((3, 3)), np.zeros(3)
+    for k, m in enumerate(page.MASSES):
+        # Of the centre of mass of link k: derivatives by the joint angles, and centripetal.
+        arms = np.array([*(length[:k, None] * along[:k]), reach[k] * along[k]])
+        turned = np.stack([-arms[:, 1], arms[:, 0]], axis=1)
+        J = np.array([turned[i:].sum(axis=0) if i <= k else (0, 0) for i in range(3)])
+        drift = -(speed[: k + 1, None] ** 2 * arms).sum(axis=0)
+        turns = (np.arange(3) <= k).astype(float)
+        H += m * J @ J.T + page.MOMENTS[k, 2] * np.outer(turns, turns)
+        bias += m * J @ (drift - page.GRAVITY[:2])
+    return H, bias
+
+
+def test_the_worked_example_has_the_numbers_of_the_lagrange_equations() -> None:
+    rows = worked_example.example('pcrbm')
+    H, bias = planar_equation()
+    upper = [[x or 0.0 for x in one['lanes']] for one in rows if one['step'] == '8']
+    np.testing.assert_array_equal(upper, np.triu(H))
+    (found,) = (one['lanes'] for one in rows if one['name'].startswith('b_i ='))
+    np.testing.assert_array_equal(found, bias)
+    qdd = np.linalg.solve(H, worked_example.STATE['tau'] - bias)
+    for method in ('pcrbm', 'pcgm'):
+        np.testing.assert_allclose(worked_example.example(method)[-1]['lanes'], qdd, **ROUNDING)
+
+
+def test_the_array_solves_the_equation_of_the_worked_example() -> None:
+    H, bias = planar_equation()
+    found, y = array_page.equation()
+    np.testing.assert_array_equal(found, H)
+    np.testing.assert_array_equal(y, worked_example.STATE['tau'] - bias)
+    rows = [x for x in array_page.numbers(H, y) if x['run'] == 'solve']
+    kept = {(x['row'], x['column']): x['register'] for x in rows}
+    L = np.linalg.cholesky(H)
+    assert kept == {(k + 1, i + 1): pytest.approx(L[k, i]) for k in range(3) for i in range(k + 1)}
+    # The last result of each diagonal cell is an element of the solution.
+    last = {x['row']: x['number'] for x in rows if x['row'] == x['column']}
+    assert list(last.values()) == pytest.approx(np.linalg.solve(H, y))

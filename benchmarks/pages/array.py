@@ -1,31 +1,41 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The triangular array, as printed and corrected, cycle by cycle; recursive doubling; set ordering.
+The triangular array, as printed and corrected, cycle by cycle.
 
-Both designs run on the emulated array. Its actions depend on n alone, so the identity is factored.
-Utilisation is the share of the cells' cycles in which they computed or stored something.
+Both designs run on the emulated array. Its actions depend on n alone, so the identity is factored;
+the numbers are of the H of the worked example. Utilisation is the share of the cells' cycles in
+which they computed or stored something.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.cases.paper import value
+from benchmarks.drawings import FAINT, PAPER, Drawing
+from benchmarks.pages.worked_example import example
+from benchmarks.plots import BLACK, GREY, ORANGE, SKY
 from benchmarks.table import Row, grid, page
-from pfd_core.machine.emulator import run
-from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.paper.array import STORE, factor, literal_array, pipeline, solve
-from pfd_core.paper.patterns import prefix
-from pfd_core.paper.set_ordering import set_ordering
-from pfd_core.paper.systolic import Place, Trace
+from pfd_core.paper.array import (
+    DIVIDE,
+    MULTIPLY,
+    ROOT,
+    STORE,
+    factor,
+    literal_array,
+    pipeline,
+    solve,
+)
+from pfd_core.paper.systolic import Place, Step, Trace
 
 SIZES = (2, 3, 4, 6, 8, 12, 16)
-# Rows of the array as in Figure 1, lanes of recursive doubling, and rows as in Appendix C.
-FIGURE, LANES, SETS = 4, 6, 4
+FIGURE = 4  # rows of the array as in Figure 1
 PRINTED, CORRECTED = 'as printed', 'corrected'
 RUNS: dict[str, Callable[[int], Trace]] = {
     PRINTED: lambda n: literal_array(np.eye(n)).trace,
@@ -48,16 +58,48 @@ EVENTS = (
 
 
 def measure(quick: bool) -> dict[str, Any]:
-    """Run the arrays, recursive doubling and set ordering; quick is few sizes."""
+    """Run the arrays; quick is few sizes."""
     return {
         'times': list(times(SIZES[:3] if quick else SIZES)),
         'actions': [
             *actions(PRINTED, FIGURE, lambda *at: literal_label(FIGURE, *at)),
-            *actions(CORRECTED, FIGURE, corrected_label),
+            *actions('solve', FIGURE, lambda *at: corrected_label(FIGURE, *at)),
         ],
-        'doubling': list(doubling(LANES)),
-        'sets': list(_sets(SETS)),
+        'numbers': list(numbers(*equation())),
     }
+
+
+def equation() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return H and y of the worked example."""
+    rows = example('pcrbm')
+    upper = np.array([x['lanes'] for x in rows if x['step'] == '8'], dtype=np.float64)
+    (y,) = (x['lanes'] for x in rows if x['name'].startswith('y ='))
+    return np.triu(upper) + np.triu(upper, 1).T, np.array(y, dtype=np.float64)
+
+
+def numbers(H: NDArray[Any], y: NDArray[Any]) -> Iterator[dict[str, Any]]:
+    """Yield what each cell computes or stores in each cycle, with the number; None is NaN."""
+    traces = {PRINTED: literal_array(H).trace, 'solve': solve(H, y).trace}
+    for name, trace in traces.items():
+        for cycle, steps in enumerate(trace.steps, 1):
+            for (k, i), step in sorted(steps.items()):
+                if step.action:
+                    at = {'run': name, 'cycle': cycle, 'row': k, 'column': i}
+                    kept = step.state if name == PRINTED else step.state.u
+                    found = {'number': _number(step), 'register': _or_none(kept)}
+                    yield at | {'action': step.action, **found}
+
+
+def _number(step: Step) -> float | None:
+    """Return the result of a cell: what it sends right, on the way back down or left."""
+    if step.action == STORE:
+        return _or_none(step.state)
+    ways = ('right', 'down', 'left')
+    return _or_none(next(step.sent[way].value for way in ways if way in step.sent))
+
+
+def _or_none(number: Any) -> float | None:
+    return None if np.isnan(number) else float(number)
 
 
 def times(sizes: Iterable[int]) -> Iterator[dict[str, Any]]:
@@ -102,51 +144,13 @@ def literal_label(n: int, place: Place, cycle: int) -> str:
     return f'{k + 1 + item}{k}' if item < n - k else f'{k}{k}'
 
 
-def corrected_label(place: Place, cycle: int) -> str:
-    """Return the subscript of the element that a cell of the corrected design works on."""
+def corrected_label(n: int, place: Place, cycle: int) -> str:
+    """Return what a cell of the corrected design works on: an element of L, of z or of x."""
     k, i = place
-    return f'{cycle - k - i + 2}{k}'
-
-
-def doubling(n: int) -> Iterator[dict[str, Any]]:
-    """
-    Yield each lane at each level of recursive doubling, as the emulator executes it.
-
-    The recurrence x_i = x_(i-1) + a_i runs with a_i = 2^i: the binary digits of a lane's sum show
-    which a_i it contains, from `first` to `last`. Lanes and elements are counted from 1.
-    """
-    recorder = Recorder(n)
-    levels: list[Lanes] = []
-
-    def add(left: Lanes, right: Lanes) -> Any:
-        levels.append(right)
-        return left + right
-
-    levels.append(prefix(add, recorder.input('a', range(n))))
-    for level, row in enumerate(levels):
-        recorder.output(str(level), (n,), [(row, lane) for lane in range(n)])
-    found = run(recorder.program(), {'a': 2.0 ** np.arange(n)})
-    for level in range(len(levels)):
-        for lane, number in enumerate(found[str(level)], 1):
-            digits = f'{int(number):b}'
-            first, last = len(digits) - digits.rindex('1'), len(digits)
-            if digits.count('1') != last - first + 1:
-                raise ValueError(f'a lane must hold consecutive elements, got {digits}')
-            yield {'level': level, 'lane': lane, 'first': first, 'last': last}
-
-
-def _sets(n: int) -> Iterator[dict[str, Any]]:
-    """Yield the sets before each iteration, longest first; a worker adds the last two terms."""
-    states = set_ordering(n)
-    for k, state in enumerate(states):
-        picked = states[k + 1].picked if k + 1 < len(states) else ()
-        for index in sorted(state.additions, key=lambda index: -state.additions[index]):
-            yield {
-                'iteration': k + 1,
-                'set': 'S_{}{}'.format(*index),
-                'terms': state.terms(index),
-                'worker': picked.index(index) + 1 if index in picked else None,
-            }
+    element = cycle - k - i + 2
+    if element <= n:
+        return f'{element}{k}'
+    return f'{"z" if element == n + 1 else "x"}{k}'
 
 
 # ---- the page ----
@@ -159,18 +163,8 @@ def text(data: dict[str, Any]) -> str:
         'array',
         cycles=grid({(title.format(**x), x['n']): _cycles(x) for x in data['times']}, 'n ='),
         figure=FIGURE,
-        printed=_acting(data['actions'], PRINTED),
-        corrected=_acting(data['actions'], CORRECTED),
-        lanes=LANES,
-        levels=max(x['level'] for x in data['doubling']),
-        doubling=grid(
-            {(x['level'], f'lane {x["lane"]}'): _held(x) for x in data['doubling']}, 'level'
-        ),
-        sets=SETS,
-        ordering=grid(
-            {(x['set'], f'before iteration {x["iteration"]}'): _terms(x) for x in data['sets']},
-            'set',
-        ),
+        printed=_acting(data['numbers'], PRINTED),
+        corrected=_acting(data['numbers'], 'solve'),
     )
 
 
@@ -183,20 +177,119 @@ def _cycles(x: Row) -> str:
 def _acting(rows: Iterable[Row], design: str) -> list[str]:
     """Return what each cell does in each cycle; it rests where a place is empty."""
     own = [x for x in rows if x['run'] == design]
-    known = {
-        (x['row'], x['column'], x['cycle']): f'{x["action"].split()[-1]} {x["label"]}' for x in own
-    }
+    known = {(x['row'], x['column'], x['cycle']): _shown(x) for x in own}
     cycles = range(1, max(x['cycle'] for x in own) + 1)
-    cells = ((k, i) for k in range(1, FIGURE + 1) for i in range(1, k + 1))
+    cells = sorted({(x['row'], x['column']) for x in own})
     return grid(
         {(f'P_{k}{i}', t): known.get((k, i, t), '') for k, i in cells for t in cycles}, 'cycle'
     )
 
 
-def _held(x: Row) -> str:
-    held = ' .. '.join(dict.fromkeys((f'R_{x["first"]}', f'R_{x["last"]}')))
-    return f'**{held}**' if x['first'] == 1 else held
+def _shown(x: Row) -> str:
+    return f'{x["action"].split()[-1]} {_written(x["number"])}'
 
 
-def _terms(x: Row) -> str:
-    return ', '.join(x['terms']) + (f' (P{x["worker"]})' if x['worker'] else '')
+def _written(number: float | None) -> str:
+    return 'none' if number is None else f'{number + 0.0:.4g}'
+
+
+# ---- pictures ----
+
+COLORS = {STORE: '#dddddd', DIVIDE: ORANGE, MULTIPLY: SKY, ROOT: BLACK}
+
+
+def plots(data: dict[str, Any], folder: Path) -> list[Path]:
+    """Draw Figure 1 with numbers, and cell by cycle."""
+    return [_figure_1(data['numbers'], folder), _space_time(data['actions'], folder)]
+
+
+def _space_time(rows: Sequence[Row], folder: Path) -> Path:
+    """Draw what each cell of both designs works on in each cycle."""
+    wide, high, left = 34, 22, 60
+    cells = [(k, i) for k in range(1, FIGURE + 1) for i in range(1, k + 1)]
+    titles = {
+        PRINTED: f'As printed: {3 * FIGURE - 1} cycles, a wrong matrix',
+        'solve': f'Corrected: L in {3 * FIGURE - 2} cycles, z and x in {5 * FIGURE - 2}',
+    }
+    last = max(x['cycle'] for x in rows)
+    block = len(cells) * high + 74
+    drawing = Drawing(
+        left + last * wide + 20, len(titles) * block + 40, 'The array, cell by cycle'
+    )
+    for part, (name, title) in enumerate(titles.items()):
+        top = part * block + 52
+        drawing.text(left, top - 28, title, 14, 'start', bold=True)
+        for at, (k, i) in enumerate(cells):
+            drawing.text(left - 8, top + at * high + 15, f'P{k}{i}', 11, 'end', FAINT)
+        for x in (x for x in rows if x['run'] == name):
+            at = cells.index((x['row'], x['column']))
+            x0, y0 = left + (x['cycle'] - 1) * wide, top + at * high
+            drawing.box(x0, y0, wide - 2, high - 2, COLORS[x['action']])
+            ink = PAPER if x['action'] == ROOT else BLACK
+            drawing.text(x0 + wide / 2 - 1, y0 + 15, x['label'], 11, fill=ink)
+        for cycle in range(1, max(x['cycle'] for x in rows if x['run'] == name) + 1):
+            drawing.text(left + (cycle - 0.5) * wide - 1, top - 6, cycle, 10, fill=FAINT)
+    y = len(titles) * block + 22
+    for k, (action, color) in enumerate(COLORS.items()):
+        drawing.box(left + 165 * k, y - 11, 12, 12, color, GREY)
+        drawing.text(left + 165 * k + 18, y, action, 12, 'start')
+    return drawing.save(folder, 'array-cycles.svg')
+
+
+def _figure_1(rows: Sequence[Row], folder: Path) -> Path:
+    """Draw both designs with the streams of H, the register u of each cell and the results."""
+    H, y = equation()
+    n, side, left, wide = len(H), 104, 170, 560
+    drawing = Drawing(2 * wide, n * side + 118, 'Figure 1 with numbers')
+    titles = {
+        PRINTED: 'As printed: equations (29) to (31)',
+        'solve': "Corrected: H = L L', L z = y",
+    }
+    for part, (name, title) in enumerate(titles.items()):
+        own = [x for x in rows if x['run'] == name]
+        x0 = part * wide
+        drawing.text(x0 + 20, 24, title, 14, 'start', bold=True)
+        for k in range(1, n + 1):
+            at = 72 + (n - k) * side
+            for i in range(1, k + 1):
+                x = x0 + left + (i - 1) * side
+                drawing.arrow(x + 26, at, x + (side - 27 if i < k else 48), at)
+                if k < n:
+                    drawing.arrow(x, at - 26, x, at - side + 27)
+                _cell(drawing, x, at, [z for z in own if (z['row'], z['column']) == (k, i)], n)
+            column = [f'{h:g}' for h in H[k - 1 :, k - 1]]
+            start = next(x['cycle'] for x in own if x['row'] == k and x['action'] != STORE)
+            if name == PRINTED:
+                items, x = [*column[1:], column[0]], x0 + left + (k - 1) * side
+                begin = next(z['cycle'] for z in own if z['row'] == z['column'] == k)
+                drawing.arrow(x, at + 52, x, at + 27)
+                drawing.text(x, at + 65, ', '.join([*column, '*']), 11)
+                drawing.text(x, at + 78, f'from cycle {begin}', 9, fill=FAINT)
+            else:
+                items = [f'{column[0]}*', *column[1:], f'{y[k - 1]:g}']
+            drawing.arrow(x0 + left - 54, at, x0 + left - 27, at)
+            drawing.text(x0 + left - 60, at + 4, ', '.join(items), 11, 'end')
+            drawing.text(x0 + left - 60, at + 18, f'from cycle {start}', 9, 'end', FAINT)
+    words = (
+        'In a cell: its register u. Streams are written in the order in which they enter. '
+        'Right of a row: what leaves it, by cycle.'
+    )
+    drawing.text(20, n * side + 106, words, 12, 'start')
+    return drawing.save(folder, 'array-figure-1.svg')
+
+
+def _cell(drawing: Drawing, x: float, y: float, own: Sequence[Row], n: int) -> None:
+    """Draw a cell with its register u, and right of a diagonal cell the results that leave it."""
+    k, i = own[0]['row'], own[0]['column']
+    if k == i:
+        drawing.circle(x, y, 26, PAPER, GREY)
+        # The way back comes later.
+        leaving = [z for z in own if z['action'] != STORE and z['cycle'] < 3 * n]
+        words = ', '.join(_written(z['number']) for z in leaving)
+        drawing.text(x + 53, y + 4, words, 12, 'start')
+        cycles = f'cycles {leaving[0]["cycle"]} to {leaving[-1]["cycle"]}'
+        drawing.text(x + 53, y + 18, cycles, 9, 'start', FAINT)
+    else:
+        drawing.box(x - 26, y - 26, 52, 52, PAPER, GREY)
+    drawing.text(x, y - 6, f'P{k}{i}', 11, fill=FAINT)
+    drawing.text(x, y + 14, _written(own[-1]['register']), 13, bold=True)

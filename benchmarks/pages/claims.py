@@ -23,8 +23,9 @@ from benchmarks.cases import paper
 from benchmarks.cases.paper import AS_PRINTED, CORRECTED, KINDS, TABLE, Recording, claimed, value
 from benchmarks.cases.problems import seeded_states
 from benchmarks.cases.robots import uniform_chain
-from benchmarks.pages.array import EVENTS, RUNS, doubling, times
+from benchmarks.pages.array import EVENTS, RUNS, times
 from benchmarks.pages.counts import arithmetic_of, counted_parts, errors_of_iterates
+from benchmarks.pages.worked_example import doubling
 from benchmarks.table import Row, page, shown, stored_table, table
 from pfd_core.dynamics.methods import FORWARD
 from pfd_core.machine.program import Steps

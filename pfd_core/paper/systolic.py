@@ -98,9 +98,14 @@ class Emission(NamedTuple):
 class Trace:
     """Record of a run of an array."""
 
-    actions: tuple[dict[Place, str], ...]  # of cycle t at t - 1: each cell that acted, and how
+    steps: tuple[dict[Place, Step], ...]  # of cycle t at t - 1: each cell with an item, its work
     emitted: tuple[Emission, ...]  # in order of time
     states: dict[Place, Any]  # at the end
+
+    @property
+    def actions(self) -> list[dict[Place, str]]:
+        """Of cycle t at t - 1: each cell that acted, and how."""
+        return [{at: x.action for at, x in steps.items() if x.action} for steps in self.steps]
 
     @property
     def cycles(self) -> int:
@@ -166,10 +171,10 @@ class Array:
                 arriving.setdefault(cycle, {})[link] = item
         states: dict[Place, Any] = dict.fromkeys(self.cells)
         latches: dict[Link, Any] = {}
-        actions: list[dict[Place, str]] = []
+        done: list[dict[Place, Step]] = []
         emitted: list[Emission] = []
         while latches or arriving:
-            cycle = len(actions) + 1
+            cycle = len(done) + 1
             if cycle > at_most:
                 raise ValueError(f'the array is still busy after {at_most} cycles')
             latches |= arriving.pop(cycle, {})
@@ -189,8 +194,8 @@ class Array:
                         latches[link] = item
                     else:
                         emitted.append(Emission(cycle, place, direction, item))
-            actions.append({place: step.action for place, step in steps.items() if step.action})
-        return Trace(tuple(actions), tuple(emitted), states)
+            done.append(steps)
+        return Trace(tuple(done), tuple(emitted), states)
 
     def _sent(self, place: Place, direction: str) -> Link:
         ends = self._out[place]

@@ -267,7 +267,8 @@ def test_the_page_has_a_cell_for_every_row_and_names_what_is_excluded() -> None:
     assert '- frax, forward_dynamics of ur5: absent' in text
 
 
-def test_the_results_of_the_readme_are_what_the_stored_data_gives() -> None:
-    text = readme.README.read_text(encoding='utf-8')
+@pytest.mark.parametrize('path', readme.FILLED, ids=lambda path: path.name)
+def test_results_of_readme_and_guide_are_what_the_stored_data_gives(path: Path) -> None:
+    text = path.read_text(encoding='utf-8')
     assert readme.MARKED.search(text)
-    assert readme.filled() == text, 'run python -m benchmarks.readme'
+    assert readme.filled(path) == text, 'run python -m benchmarks.readme'

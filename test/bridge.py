@@ -58,7 +58,6 @@ NAMES = {
     'Lanes': 'pfd_core.machine.recorder:Lanes',
     'Recorder': 'pfd_core.machine.recorder:Recorder',
     'MACHINE_SCHEDULES': 'pfd_core.machine.recorder:SCHEDULES',
-    'inline_program': 'pfd_core.machine.recorder:inline',
     'SystolicArray': 'pfd_core.paper.systolic:Array',
     'SystolicLink': 'pfd_core.paper.systolic:Link',
     'SystolicLinkError': 'pfd_core.paper.systolic:LinkError',
@@ -82,8 +81,6 @@ NAMES = {
     'EffectField': 'pfd_core.model.effects:Field',
     # pfd_core.dynamics: recorders of serial programs; tables of methods and quantities
     'record_derivatives': 'pfd_core.dynamics.acceleration:record_derivatives',
-    'record_motor_torques': 'pfd_core.dynamics.drives:record_motor_torques',
-    'fused_product': 'pfd_core.dynamics.inverse:fused_product',
     'FORWARD_METHODS': 'pfd_core.dynamics.methods:FORWARD',
     'ITERATIVE_METHODS': 'pfd_core.dynamics.methods:ITERATIVE',
     'SERIAL_METHODS': 'pfd_core.dynamics.methods:SERIAL',
@@ -116,7 +113,6 @@ NAMES = {
     'FEW_JOINTS': 'pfd_core.kernels.auto:FEW_JOINTS',
     'MANY_JOINTS': 'pfd_core.kernels.auto:MANY_JOINTS',
     'select_method': 'pfd_core.kernels.auto:select',
-    'method_cost': 'pfd_core.kernels.auto:cost',
     'method_roundings': 'pfd_core.kernels.auto:roundings',
     'CACHE_VARIABLE': 'pfd_core.kernels.cache:VARIABLE',
     'cache_folder': 'pfd_core.kernels.cache:folder',
@@ -140,8 +136,6 @@ NAMES = {
     'eliminate_dead_code': 'pfd_core.kernels.simplify:eliminate_dead_code',
     'fold_program': 'pfd_core.kernels.simplify:fold',
     'fuse_program': 'pfd_core.kernels.simplify:fuse',
-    'WRAP_TURNS': 'pfd_core.kernels.sines:TURNS',
-    'WRAP_TWO_PI': 'pfd_core.kernels.sines:TWO_PI',
     'wrap_angle_ir': 'pfd_core.kernels.sines:wrap_angle',
     'WRAP_LIMIT': 'pfd_core.kernels.sines:WRAP_LIMIT',
     'sincos': 'pfd_core.kernels.sines:sincos',
@@ -362,7 +356,6 @@ PATCHED = {
     'GENERATE_LONGEST': 'pfd_core.kernels.generate:LONGEST',
     'GENERATE_PART': 'pfd_core.kernels.generate:PART',
     'CACHE_LIMIT': 'pfd_core.kernels.cache:LIMIT',
-    'LLVM_LOCK': 'pfd_core.kernels.native:LLVM_LOCK',
     'current_target': 'pfd_core.kernels.native:current',
     'emit_object': 'pfd_core.kernels.native:emit',
     'MAX_BLOCK_WORK': 'pfd_core.kernels.threads:MAX_BLOCK_WORK',
@@ -374,7 +367,6 @@ PATCHED = {
     # pfd_core.simulation: integrators, stiffness, ensembles
     'ADAPTIVE_FIRST_OPERATIONS': 'pfd_core.simulation.adaptive:FIRST_OPERATIONS',
     'ADAPTIVE_PIECE_SECONDS': 'pfd_core.simulation.adaptive:PIECE_SECONDS',
-    'Simulator_compile': 'pfd_core.simulation.simulator:Simulator._compile',
     # pfd_ros.arm: settings, events, engine, and the rules for commands
     # pfd_ros.recording: the MCAP file of a run
     'QUEUE_BYTES': 'pfd_ros.recording.recorder:QUEUE_BYTES',

@@ -26,7 +26,7 @@ from benchmarks.peers.casadi import casadi_c, vector_casadi
 from benchmarks.peers.others import mujoco
 from benchmarks.peers.ours import CODE, ours
 from benchmarks.peers.pinocchio import Pinocchio, pinocchio_cpp
-from benchmarks.peers.work import Arguments, LeftOutError, Peer, Side, valid_sides
+from benchmarks.peers.work import Arguments, LeftOutError, Peer, Side
 from benchmarks.table import json_text
 from benchmarks.timing import Pace, differences
 import pfd_core as pfd
@@ -112,16 +112,6 @@ def test_a_json_that_is_not_of_the_page_is_refused_by_name(
     assert [path.name for path in tmp_path.iterdir()] == ['array.json']
 
 
-def test_the_command_renders_what_is_stored(tmp_path: Path) -> None:
-    (tmp_path / 'array.json').write_bytes((REPORT / 'array.json').read_bytes())
-    found = run('array', '--from-json', '--out', str(tmp_path))
-    assert found.returncode == 0, found.stderr
-    assert {Path(line).name for line in found.stdout.splitlines()} == {
-        path.name for path in tmp_path.iterdir()
-    }
-    assert (tmp_path / 'array.md').read_bytes() == (REPORT / 'array.md').read_bytes()
-
-
 COMPILERS = [name for name in ('gcc', 'clang') if shutil.which(name)]
 # Of results that are rounded in another order, on arms that lose few digits.
 CLOSE = 1e-10
@@ -181,14 +171,6 @@ def test_quantities_of_ours_and_of_casadi_are_pinocchios(quantity: str) -> None:
     assert all(checked(peer, known, given) >= 2 for peer in peers)
 
 
-def test_a_run_of_which_mujoco_warns_is_excluded() -> None:
-    arm, reasons = robot('ur5'), dict[str, str]()
-    # A single forward checks nothing.
-    q, qd, tau = works(arm, 3)[1]
-    assert not valid_sides({'MuJoCo': made(mujoco, arm)}, (1e12 * q, qd, tau), reasons)
-    assert 'BADQPOS' in reasons['MuJoCo, batch of 3']
-
-
 def test_without_a_compiler_peers_in_c_are_left_out_with_the_reason(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -220,15 +202,6 @@ def test_times_are_per_unit_and_a_machine_that_slows_down_does_not_change_their_
     peer, own = timing.take_turns(sides, 2, Pace(chunk=1e-9, turns=3, budget=1e9), clock)
     assert (peer.minimum, peer.median, peer.times) == (4.0, 32.0, 1.0)
     assert (own.minimum, own.median, own.times) == (1.0, 8.0, 4.0)
-
-
-def test_a_long_work_has_fewer_turns_but_never_less_than_the_fewest() -> None:
-    for seconds, turns in ((1.0, 10), (3.0, 4), (50.0, 2)):
-        clock = Clock([])
-        pace = Pace(chunk=1e-9, turns=10, fewest=2, budget=12.0)
-        timing.take_turns([clock.side(seconds)], 1, pace, clock)
-        # Once to see how long it takes.
-        assert clock.now == (turns + 1) * seconds
 
 
 def row(way: str, ns: float, work: str = speed.MANY, contents: str = 'C++ for any robot') -> Any:

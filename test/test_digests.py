@@ -7,12 +7,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from bridge import Instruction, ProgramOutput
 import digests
 from digests import CASES, FORMATS, LOGS, SIMULATIONS, options
 import pytest
-
-import pfd_core as pfd
 
 STORED = digests.stored()
 # Kernels whose results are compared in a fast run: the default of each case, and all of one.
@@ -53,14 +50,6 @@ def assert_same_programs(case: str, dtype: str, names: list[str]) -> None:
     now = digests.programs(case, dtype, names)
     stored = STORED['programs'][case][dtype]
     assert different(now, {name: stored[name] for name in names}) == {}
-
-
-def program(*instructions: Instruction, outputs: tuple[int, ...]) -> pfd.Program:
-    """Return a program of two inputs x and y."""
-    x, y = (Instruction('input', data=(('x', k),)) for k in range(2))
-    places = tuple((register, 0) for register in outputs)
-    result = {'result': ProgramOutput((len(outputs),), places)}
-    return pfd.Program(1, (x, y, *instructions), {'x': 2}, result)
 
 
 @pytest.mark.parametrize('case', FAST_CASES)
@@ -110,60 +99,3 @@ def test_the_logs_have_findings_of_all_kinds() -> None:
     assert {one['kind'] for one in found} == kinds | {
         f'{name} limit' for name in ('position', 'velocity', 'effort')
     }
-
-
-def test_digests_are_stored_of_every_robot_method_quantity_and_format() -> None:
-    assert len({robot for robot, _ in CASES.values()}) == 10
-    for table in ('programs', 'results'):
-        assert STORED[table].keys() == CASES.keys()
-        for case, formats in STORED[table].items():
-            assert formats.keys() == set(FORMATS)
-            for stored in formats.values():
-                assert stored.keys() - {'default'} == options(case).keys()
-    assert set(options('ur5')) >= {*pfd.METHODS, 'derivatives', 'energy', 'tip_jacobian'}
-
-
-def test_the_digest_of_a_program_ignores_order_and_numbers_of_instructions() -> None:
-    product, root = Instruction('mul', (0, 1)), Instruction('sqrt', (1,), section='other')
-    one = program(product, root, Instruction('add', (2, 3)), outputs=(4,))
-    other = program(root, product._replace(args=(1, 0)), Instruction('add', (2, 3)), outputs=(4,))
-    assert digests.program_digest(one) == digests.program_digest(other)
-
-
-@pytest.mark.parametrize(
-    'changed',
-    [
-        pytest.param(('sub', (2, 0), (1, 3)), id='operands of a subtraction'),
-        pytest.param(('add', (0, 1), (2, 3)), id='order of additions'),
-    ],
-)
-def test_the_digest_of_a_program_is_of_its_roundings(changed: tuple[Any, ...]) -> None:
-    op, *args = changed
-    constant = Instruction('constant', data=(0.1,))
-    first = program(constant, Instruction(op, (0, 2)), Instruction(op, (3, 1)), outputs=(4,))
-    second = program(constant, *(Instruction(op, pair) for pair in args), outputs=(4,))
-    assert digests.program_digest(first) != digests.program_digest(second)
-
-
-def test_the_digest_of_a_loop_ignores_the_order_of_its_rows() -> None:
-    def loop(a: int, b: int, factor: float = 0.5) -> pfd.Program:
-        """Return x -> x factor, y -> x + y while x > 0, with the rows in the given order."""
-        at = {a: 0, b: 1}
-        half = Instruction('constant', data=(factor,))
-        states = [Instruction('state', (4,), row) for row in (0, 1)]
-        x, y = 5 + a, 5 + b
-        following = {a: 7, b: 8}
-        return program(
-            half,
-            Instruction('constant', data=(0.0,)),
-            Instruction('loop', (at[0], at[1], 0, 3), 10),
-            *states,
-            Instruction('mul', (x, 2)),
-            Instruction('add', (x, y)),
-            Instruction('end', (4, following[0], following[1], 7)),
-            Instruction('result', (9,), b),
-            outputs=(10,),
-        )
-
-    assert digests.program_digest(loop(0, 1)) == digests.program_digest(loop(1, 0))
-    assert digests.program_digest(loop(0, 1)) != digests.program_digest(loop(0, 1, 0.25))

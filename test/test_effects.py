@@ -1,12 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-All effects of the table times all quantities, against the records in 50 digits.
-
-The reference has only inverse dynamics on lanes without the effect, the record's own torque, a
-solution of linear equations and differences. Whatever a quantity makes of the table is compared
-with it, so that a quantity that forgets an effect fails.
-"""
+"""Effects: all quantities against 50 digits; drives; brakes and payloads that a call gives."""
 
 from __future__ import annotations
 
@@ -14,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import fields, replace
 from functools import cache
 import inspect
+from itertools import product
 import re
 from types import SimpleNamespace
 from typing import Any
@@ -32,15 +27,16 @@ from bridge import (
     resolve_plant,
     run_program,
 )
-from derivative_programs import record_acceleration_derivatives
 from effect_cases import everything, example, scene_with
 from exact_steps import exact
 from mpmath import mp
 import numpy as np
+from oracle import Oracle, jacobi_condition, relative
+import pinocchio as pin
 import pytest
 from sampling import one_fast
-from tolerances import ACCELERATION, FIFTY_DIGITS
-from zoo import Array, random_chain
+from tolerances import ACCELERATION, FIFTY_DIGITS, SINGLE
+from zoo import ODD_ARM, Array, random_chain, random_state, slider, to_pinocchio, without_mass
 
 import pfd_core as pfd
 
@@ -55,8 +51,6 @@ STATE = ('q', 'qd', 'tau')
 H = 2e-3
 # Where iterative methods stop in float64, relative to qdd.
 ITERATED = 1e-9
-# Inertias of links, forces of some newtons: an effect that is left out changes more than this.
-NOTICED = 1e-4
 
 INSTANT = {effect.name: effect for effect in pfd.EFFECTS if effect.acts != STEP_VALUES}
 OVER_A_STEP = {effect.name: effect for effect in pfd.EFFECTS if effect.acts == STEP_VALUES}
@@ -94,12 +88,6 @@ def scene_of(name: str) -> pfd.Scene:
         {'gravity': example(EFFECT_FIELDS['gravity'], N)} if name in ('gravity', 'payload') else {}
     )
     return scene_with(*(field.name for field in INSTANT[name].fields), n=N, **others)
-
-
-def test_a_scene_without_an_effect_is_also_without_those_that_need_it() -> None:
-    scene = scene_with('friction', 'static_friction', 'damping', n=N)
-    assert scene.without({'friction'}) == scene_with('damping', n=N)
-    assert scene.without(()) == scene
 
 
 # ---- reference -------------------------------------------------------------------------------
@@ -272,27 +260,6 @@ def test_every_kernel_has_every_effect(quantity: str, name: str) -> None:
     assert_equal(found(quantity, scene_of(name)), wanted(quantity, name))
 
 
-@pytest.mark.parametrize('name', INSTANT)
-@pytest.mark.slow
-def test_every_quantity_that_forgot_an_effect_would_be_noticed(name: str) -> None:
-    off = scene_of(name).without({name})
-    forgotten = []
-    for quantity in WHOLE:
-        forgetful = found(quantity, off)
-        if np.abs(forgetful - wanted(quantity, name)).max() > NOTICED:
-            with pytest.raises(AssertionError):
-                assert_equal(forgetful, wanted(quantity, name))
-            forgotten.append(quantity)
-    # A motor's limit has no inverse, and brakes act on accelerations alone.
-    limits = name == 'brakes' or (INSTANT[name].acts == MOTOR_VALUES and not INSTANT[name].at_rest)
-    least = {'forward_dynamics', 'derivatives'} | (set() if limits else {'inverse_dynamics'})
-    assert least <= set(forgotten)
-    if INSTANT[name].potential is not None:
-        assert {'gravity_torques', 'bias_torques', 'energy'} <= set(forgotten)
-    if INSTANT[name].inertia:
-        assert {'inertia_matrix', 'energy'} <= set(forgotten)
-
-
 def emulated(method: str, scene: pfd.Scene, tau: Any) -> Any:
     at = state()
     return pfd.emulate(
@@ -342,20 +309,6 @@ def test_every_method_has_every_effect(method: str, name: str) -> None:
             assert_equal(emulated(method, scene_with(n=N), given), qdd, exact)
 
 
-def solved(name: str, output: str) -> Callable[[dict[str, Array]], Any]:
-    """Return a function for an output of the derivatives' program, in 50 digits."""
-    plant = resolve_plant(robot(), scene_of(name))
-    record = record_derivatives if output == 'qdd' else record_acceleration_derivatives
-    program = record(plant)
-    fixed = {'free': 1.0 - BRAKED}
-
-    def answer(at: dict[str, Array]) -> Any:
-        given = {key: value for key, value in (at | fixed).items() if key in program.inputs}
-        return run_program(program, given, digits=DIGITS)[output]
-
-    return answer
-
-
 @pytest.mark.parametrize('name', INSTANT)
 @pytest.mark.slow
 def test_linearised_steps_have_every_effect(name: str) -> None:
@@ -370,11 +323,13 @@ def test_linearised_steps_have_every_effect(name: str) -> None:
 def test_the_power_of_the_effect_is_what_the_energy_changes_by(name: str) -> None:
     effect, scene = INSTANT[name], scene_of(name)
     program = pfd.QUANTITIES['energy'](resolve_plant(robot(), scene))
+    factors = record_derivatives(resolve_plant(robot(), scene))
     with mp.workdps(DIGITS):
         # A brake that closes on a moving joint is an impact.
         braked = np.where(BRAKED, 0.0, 1.0) if name == 'brakes' else np.ones(N)
         at = moved(state() | {'qd': state()['qd'] * braked})
-        qdd = solved(name, 'qdd')(at)
+        given = {k: x for k, x in (at | {'free': 1.0 - BRAKED}).items() if k in factors.inputs}
+        qdd = run_program(factors, given, digits=DIGITS)['qdd']
         up, down = (
             energy(program, moved(at, q=at['q'] + s * at['qd'], qd=at['qd'] + s * qdd)).sum()
             for s in (TINY, -TINY)
@@ -416,3 +371,393 @@ def test_a_scene_with_an_effect_survives_its_file(name: str) -> None:
 def test_the_docstring_of_scene_describes_every_field_of_the_table() -> None:
     described = re.findall(r'^(\w+) : ', inspect.getdoc(pfd.Scene) or '', re.MULTILINE)
     assert sorted(described) == sorted(EFFECT_FIELDS)
+
+
+PAYLOAD = pfd.Payload(2.0, (0.1, -0.05, 0.2), np.diag([0.02, 0.03, 0.04]))
+OTHER = pfd.Payload(0.7, (0.0, 0.1, 0.1))
+
+
+def table(i: int) -> list[tuple[float, float]] | None:
+    """Return the table of joint i: none, one row, two rows, or three with a bend."""
+    rows = [(0.5, 12.0), (1.0, 6.0), (2.5, 1.0)]
+    return rows[: i % 4] or None
+
+
+def scenes(n: int) -> dict[str, pfd.Scene]:
+    """Return scenes of n joints, one with all effects."""
+    efforts = [np.inf if i % 3 == 2 else 3.0 + i for i in range(n)]
+    everything = pfd.Scene(
+        damping='model',
+        armature='model',
+        payload=PAYLOAD,
+        external_wrench=True,
+        stiffness=np.linspace(5.0, 50.0, n),
+        rest_position=np.linspace(-1.0, 1.0, n),
+        effort_limits=efforts,
+        torque_speed=[table(i + 1) for i in range(n)],
+        gravity_compensation=pfd.Scene(payload=OTHER),
+    )
+    limited = pfd.Scene(gravity_compensation=True, effort_limits=[4.0] * n)
+    return {'all': everything, 'limited compensation': limited}
+
+
+def pinocchios_gravity(robot: pfd.Robot, scene: pfd.Scene, q: Array) -> Array:
+    """Return the gravity torques of a robot in a scene by Pinocchio."""
+    carrying = robot if scene.payload is None else pfd.with_payload(robot, scene.payload)
+    model = to_pinocchio(carrying)
+    model.gravity.linear = np.zeros(3) if scene.gravity is None else np.array(scene.gravity)
+    found: Array = pin.computeGeneralizedGravity(model, model.createData(), q)
+    return found
+
+
+def motors(robot: pfd.Robot, scene: pfd.Scene, q: Array, qd: Array, tau: Array) -> Array:
+    """Return the torques of the motors, element by element."""
+    model = scene.gravity_compensation
+    if model is not False:
+        model = pfd.Scene(gravity=scene.gravity) if model is True else model
+        tau = tau + pinocchios_gravity(robot, model, q)
+    tau = tau.copy()
+    for i in range(robot.n):
+        most = np.inf if scene.effort_limits is None else scene.effort_limits[i]
+        rows = None if scene.torque_speed is None else scene.torque_speed[i]
+        speeds, torques = ([0.0], [np.inf]) if rows is None else np.transpose(rows)
+        driving = min(most, np.interp(abs(qd[i]), speeds, torques))
+        braking = min(most, torques[0])
+        sign = 1.0 if qd[i] > 0 else -1.0
+        tau[i] = sign * min(max(sign * tau[i], -braking), driving)
+    return tau
+
+
+def passive(robot: pfd.Robot, scene: pfd.Scene, q: Array, qd: Array) -> Array:
+    """Return the torques that joints with damping and springs take."""
+    tau = np.zeros(robot.n)
+    if scene.damping is not None:
+        tau += robot.damping * qd
+    if scene.stiffness is not None:
+        rest = np.zeros(robot.n) if scene.rest_position is None else scene.rest_position
+        tau += np.array(scene.stiffness) * (q - rest)
+    return tau
+
+
+def oracle_of(robot: pfd.Robot, scene: pfd.Scene) -> Oracle:
+    carrying = robot if scene.payload is None else pfd.with_payload(robot, scene.payload)
+    oracle = Oracle(carrying, robot.armature if scene.armature else None)
+    oracle.model.gravity.linear = np.zeros(3) if scene.gravity is None else np.array(scene.gravity)
+    return oracle
+
+
+@pytest.mark.parametrize('name', ['all', 'limited compensation'])
+@pytest.mark.parametrize(
+    ('refine', 'dtype'), one_fast([(1, 'float64'), (0, 'float64'), (0, 'float32')])
+)
+def test_kernels_in_a_scene_with_drives_agree_with_pinocchio(
+    name: str, refine: int, dtype: str
+) -> None:
+    rng = np.random.default_rng(62)
+    robot = random_chain(rng, 4, joint_types=['revolute', 'prismatic', 'continuous', 'revolute'])
+    scene = scenes(4)[name]
+    kernel = pfd.compile_kernel(robot, scene=scene, refine=refine, dtype=dtype)
+    oracle = oracle_of(robot, scene)
+    for _ in range(4):
+        q, qd, tau = random_state(rng, robot.n)
+        wrench = rng.normal(size=6) if scene.external_wrench else None
+        own = motors(robot, scene, q, qd, 3.0 * tau) - passive(robot, scene, q, qd)
+        most = (SINGLE if dtype == 'float32' else ACCELERATION) * jacobi_condition(oracle.H(q))
+        found = kernel(q, qd, 3.0 * tau, wrench)
+        assert relative(found, oracle.qdd(q, qd, own, wrench)) < most
+
+
+# ---- limits ----------------------------------------------------------------------------------
+
+
+SLIDER = slider(1, 0, 2.0)
+
+
+@pytest.mark.parametrize(
+    ('qd', 'tau', 'force'),
+    [
+        (0.5, 20.0, 10.0),  # drives, slow
+        (2.0, 20.0, 7.0),  # drives, between the rows
+        (2.0, 5.0, 5.0),
+        (3.0, 20.0, 4.0),
+        (9.0, 20.0, 4.0),  # faster than the last row
+        (2.0, -20.0, -10.0),  # brakes
+        (-2.0, -20.0, -7.0),
+        (-2.0, 20.0, 10.0),
+        (0.0, 20.0, 10.0),  # at rest either way
+        (0.0, -20.0, -10.0),
+        (-0.0, 20.0, 10.0),
+    ],
+)
+@pytest.mark.parametrize('most', [np.inf, 11.0, 8.0, 3.0])
+def test_a_motor_is_bounded_by_its_table_where_it_drives(
+    qd: float, tau: float, force: float, most: float
+) -> None:
+    scene = pfd.Scene(gravity=None, torque_speed=[[(1.0, 10.0), (3.0, 4.0)]], effort_limits=[most])
+    found = pfd.forward_dynamics(SLIDER, [0.0], [qd], [tau], scene=scene) * 2.0
+    assert found == np.clip(force, -most, most)
+
+
+def test_a_table_whose_corner_at_the_effort_limit_falls_on_a_row_has_a_torque() -> None:
+    steep = [(1.0, 1e20), (np.nextafter(1.0, 2.0), 0.0)]
+    scene = pfd.Scene(gravity=None, torque_speed=[steep], effort_limits=[1e-5])
+    for qd in (0.5, 1.0, 2.0):
+        found = pfd.forward_dynamics(SLIDER, [0.0], [qd], [1.0], scene=scene)
+        assert 0 <= found * 2.0 <= 1e-5
+
+
+# ---- gravity compensation --------------------------------------------------------------------
+
+
+def test_an_arm_that_is_compensated_exactly_is_weightless() -> None:
+    robot = pfd.load_robot('panda')
+    plant = resolve_plant(
+        robot, pfd.Scene(payload=PAYLOAD, gravity_compensation=pfd.Scene(payload=PAYLOAD))
+    )
+    assert plant.digest == resolve_plant(robot, pfd.Scene(gravity=None, payload=PAYLOAD)).digest
+    # A limit might cut the torques of the compensation off.
+    scene = pfd.Scene(gravity_compensation=True, effort_limits=[1.0] * 7)
+    assert resolve_plant(robot, scene).gravity_compensation is not None
+
+
+BRAKES = pfd.Scene(brakes=True)
+PLANAR, AT = pfd.load_robot('planar2'), ([0, 0], [0, 0], [1, 1])
+# A time in which no state changes but by impulses.
+NO_TIME = 1e-15
+# Rounding of impulses, for chains whose H has a condition of 1e3 or less.
+IMPULSE = 1e-11
+HELD = np.array([True, False, True])
+
+
+def massless_from(joint: int) -> pfd.Robot:
+    """Return a chain of three joints whose links have no mass from one on."""
+    return without_mass(random_chain(np.random.default_rng(3), 3, 0.0), range(joint, 3))
+
+
+def struck_out(robot: pfd.Robot, q, qd, tau, held) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """Return accelerations by Pinocchio and NumPy, with held joints struck out of H qdd = y."""
+    oracle, free, qdd = Oracle(robot), np.flatnonzero(~held), np.zeros(robot.n)
+    H, y = oracle.H(q), tau - oracle.tau(q, qd, 0 * q)
+    qdd[free] = np.linalg.solve(H[np.ix_(free, free)], y[free])
+    return qdd
+
+
+@pytest.mark.parametrize(
+    ('method', 'dtype'), [*product(pfd.METHODS, ['float64']), ('composite_body', 'float32')]
+)
+@pytest.mark.slow
+def test_a_braked_joint_without_mass_does_not_accelerate(method: str, dtype: str) -> None:
+    for first in (0, 2):
+        robot = massless_from(first)
+        held = np.arange(3) >= first
+        state = [x.astype(dtype) for x in random_state(np.random.default_rng(4), 3)]
+        kernel = pfd.compile_kernel(robot, method=method, scene=BRAKES, dtype=dtype)
+        found = kernel(*state, brakes=held)
+        np.testing.assert_array_equal(found[held], 0.0)
+        assert np.isfinite(found).all()
+        given = dict(zip(('q', 'qd', 'tau'), state, strict=True)) | {'free': 1.0 - held}
+        np.testing.assert_array_equal(run_program(kernel.program, given, dtype)['qdd'], found)
+        emulated = pfd.emulate(
+            robot, *state, method=method, scene=BRAKES, brakes=held, dtype=dtype
+        )
+        assert emulated.status == 'ok'
+        np.testing.assert_array_equal(emulated.qdd[held], 0.0)
+        if dtype == 'float64':
+            wanted = struck_out(robot, *state, held)
+            limit = ACCELERATION * 1e3 * max(np.abs(wanted).max(), 1.0)
+            assert np.abs(found - wanted).max() < limit
+            assert np.abs(emulated.qdd - wanted).max() < limit
+
+
+@pytest.mark.parametrize('method', sorted(set(pfd.METHODS) - set(ITERATIVE_METHODS)))
+def test_a_massless_joint_that_is_free_is_still_a_status(method: str) -> None:
+    state = random_state(np.random.default_rng(4), 3)
+    found = pfd.emulate(massless_from(1), *state, method=method, scene=BRAKES, brakes=HELD)
+    assert found.status == 'not_positive_definite'
+
+
+CLOSED = {
+    'plain': {},
+    'limits of the drives': {'effort_limits': [0.1] * 3, 'damping': [1.0] * 3},
+    'friction': {'friction': [1.0] * 3},
+    'stops': {'joint_limits': [[-9.0, 9.0]] * 3},
+}
+
+
+@pytest.mark.parametrize('effects', one_fast(CLOSED))
+def test_a_brake_that_closes_on_a_moving_joint_acts_on_the_others_by_its_impulse(
+    effects: str,
+) -> None:
+    rng = np.random.default_rng(5)
+    robot = random_chain(rng, 3, 0.3)
+    scene = pfd.Scene(brakes=True, **CLOSED[effects])
+    q, qd = rng.normal(size=(2, 3))
+    H = Oracle(robot).H(q)
+    arm = pfd.Simulator(robot, scene, step_size=NO_TIME, substeps=1)
+    arms = pfd.Ensemble(robot, 5, scene, step_size=NO_TIME, substeps=1)
+    for held in (np.array(held) for held in product([False, True], repeat=3)):
+        arm.reset(q, qd)
+        arm.step(np.zeros(3), brakes=held)
+        arms.reset(q, qd)
+        arms.rollout(steps=1, brakes=held)
+        for found in (arm.qd, *arms.qd):
+            assert (found[held] == 0.0).all()
+            # The momentum that belongs to each free joint stays.
+            left = H @ (found - qd)
+            assert np.abs(left[~held]).max(initial=0.0) < IMPULSE * np.abs(H @ qd).max()
+
+
+def test_the_impulse_of_a_brake_throws_a_joint_into_its_stop_and_the_stop_holds_it() -> None:
+    robot = pfd.load_robot('planar2')
+    scene = pfd.Scene(gravity=None, brakes=True, joint_limits=[[-1.0, 0.0], [-9.0, 9.0]])
+    sim = pfd.Simulator(robot, scene, step_size=NO_TIME, substeps=1)
+    for sign, at_stop in ((1.0, True), (-1.0, False)):
+        sim.reset([0.0, 0.3], [0.0, sign])
+        sim.step(np.zeros(2), brakes=[False, True])
+        H = Oracle(robot).H(np.array([0.0, 0.3]))
+        wanted = 0.0 if at_stop else sign * H[0, 1] / H[0, 0]
+        np.testing.assert_allclose(sim.qd, [wanted, 0.0], rtol=IMPULSE, atol=0)
+
+
+def test_a_step_with_a_brake_that_closes_in_motion_has_the_derivative_of_its_impulse() -> None:
+    sim = pfd.Simulator(pfd.load_robot('planar2'), BRAKES)
+    x, brakes = np.array([0.1, 0.4, 0.3, 1.0, 0.5, 0.2]), [False, True]
+
+    def end(x: np.ndarray) -> np.ndarray:
+        sim.reset(x[:2], x[2:4])
+        sim.step(x[4:], brakes=brakes)
+        return np.concatenate([sim.q, sim.qd])
+
+    found = sim.linearize(x[:2], x[2:4], x[4:], brakes=brakes)
+    assert found.status.tolist() == ['moving', 'event']
+    differences = [(end(x + e) - end(x - e)) / 2e-6 for e in 1e-6 * np.eye(6)]
+    np.testing.assert_allclose(np.hstack(found), np.transpose(differences), rtol=0, atol=1e-8)
+
+
+CALLS: dict[str, Callable[[pfd.Scene, Any], Any]] = {
+    'kernel': lambda scene, brakes: pfd.compile_kernel(PLANAR, scene=scene)(*AT, brakes=brakes),
+    'forward_dynamics': lambda scene, brakes: pfd.forward_dynamics(
+        PLANAR, *AT, scene=scene, brakes=brakes
+    ),
+    'emulate': lambda scene, brakes: pfd.emulate(PLANAR, *AT, scene=scene, brakes=brakes),
+    'step': lambda scene, brakes: pfd.Simulator(PLANAR, scene).step([1, 1], brakes=brakes),
+    'ensemble': lambda scene, brakes: pfd.Ensemble(PLANAR, 3, scene).rollout(
+        steps=1, brakes=brakes
+    ),
+}
+
+
+WRONG_BRAKES = [
+    (BRAKES, [0, 1], 'brakes must be an array of bool, True for braked, got'),
+    (BRAKES, np.ma.masked_array([True, False], [True, False]), 'brakes must be an array of bool'),
+    (BRAKES, [True, False, True], r'brakes must have shape \(2,\) or \(B, 2\)'),
+    (BRAKES, True, r'brakes must have shape \(2,\) or \(B, 2\)'),
+    (pfd.Scene(), [False, False], r'brakes were given.*Scene\(brakes=True\)'),
+]
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize('call', CALLS)
+@pytest.mark.parametrize(('scene', 'brakes', 'message'), WRONG_BRAKES)
+def test_brakes_other_than_one_bool_a_joint_are_refused(
+    call: str, scene: pfd.Scene, brakes: object, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        CALLS[call](scene, brakes)
+
+
+BODY = pfd.Payload(
+    2.5, (0.1, -0.02, 0.05), ((0.02, 0.001, -0.002), (0.001, 0.03, 0.003), (-0.002, 0.003, 0.025))
+)
+INPUT = pfd.Scene(payload='input')
+# Some hundred operations in another order, over pivots a hundred times smaller than H.
+ROUNDING = 1e-12
+WITH_BODIES = [name for name, row in pfd.QUANTITIES.items() if 'payload' in row.effects]
+STEPS = 100
+
+
+@pytest.mark.parametrize(
+    ('robot', 'quantity'),
+    [
+        *((ODD_ARM, quantity) for quantity in WITH_BODIES if quantity != 'derivatives'),
+        ('planar2', 'derivatives'),
+        ('ur5', 'forward_dynamics'),
+        pytest.param(ODD_ARM, 'derivatives', marks=pytest.mark.long),
+    ],
+    ids=lambda text: text if len(text) < 20 else 'odd_arm',
+)
+@pytest.mark.slow
+def test_every_quantity_has_the_payload_of_the_call(robot: str, quantity: str) -> None:
+    arm = pfd.load_robot(robot)
+    states = np.random.default_rng(3).normal(size=(3, 5, arm.n))
+    states = states[: len(pfd.QUANTITIES[quantity].arguments)]
+    kernel = pfd.compile_kernel(arm, scene=INPUT, quantity=quantity)
+    for body in (None, BODY):
+        constant = pfd.compile_kernel(arm, scene=pfd.Scene(payload=body), quantity=quantity)
+        wanted = constant(*states)
+        found = kernel(*states, payload=body)
+        atol = ROUNDING * np.abs(wanted).max()
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=atol)
+        one = states[:, 0]
+        bound = kernel.bind(*one, out=np.zeros(kernel.shape), payload=body)
+        assert bound().tobytes() == kernel(*one, payload=body).tobytes() == found[0].tobytes()
+
+
+@pytest.mark.parametrize('contact', [False, True])
+def test_a_simulation_moves_as_with_the_payload_as_a_constant(contact: bool) -> None:
+    arm, wrench, effects = pfd.load_robot('planar2'), None, {}
+    if contact:
+        wrench = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
+        effects = {
+            'joint_limits': [[-1.0, 1.0]] * arm.n,
+            'restitution': 0.3,
+            'friction': [0.1] * arm.n,
+            'brakes': True,
+            'external_wrench': True,
+            'motor_lag': [0.01] * arm.n,
+            'gravity_compensation': True,
+        }
+    q, qd, tau = np.random.default_rng(1).uniform(-0.9, 0.9, size=(3, arm.n))
+    one, other = (
+        pfd.Simulator(arm, pfd.Scene(payload=body, **effects), integrator='rk4')
+        for body in ('input', BODY)
+    )
+    for simulator in (one, other):
+        simulator.reset(q, qd)
+    for _ in range(STEPS):
+        one.step(tau, wrench, payload=BODY)
+        other.step(tau, wrench)
+    np.testing.assert_allclose(one.q, other.q, rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(one.qdd, other.qdd, rtol=1e-9)
+    one.reset(q, qd)
+    trajectory = one.rollout(np.tile(tau, (STEPS, 1)), wrench, payload=BODY)
+    np.testing.assert_allclose(trajectory.q[-1], other.q, rtol=0, atol=ROUNDING)
+
+
+def test_another_payload_compiles_nothing(emitted: list[str]) -> None:
+    simulator = pfd.Simulator(pfd.load_robot('planar2'), INPUT)
+    kernel = pfd.compile_kernel(simulator.robot, scene=INPUT, quantity='inertia_matrix')
+    simulator.step([0.0, 0.0])
+    before = len(emitted)
+    for k in range(50):
+        body = pfd.Payload(0.1 * k, (0.0, 0.01 * k, 0.0))
+        simulator.step([0.0, 0.0], payload=body)
+        kernel(np.ones(2), payload=body)
+    assert len(emitted) == before
+
+
+def test_functions_without_a_payload_as_an_input_refuse_it() -> None:
+    arm = pfd.load_robot('planar2')
+    zero = np.zeros(2)
+    for call, text in (
+        (lambda: pfd.compile_kernel(arm, scene=INPUT, method='pcrbm'), 'needs one of the methods'),
+        (lambda: pfd.emulate(arm, zero, zero, zero, scene=INPUT), 'emulate takes a scene with'),
+        (lambda: pfd.Ensemble(arm, 2, INPUT), 'an Ensemble takes a scene with'),
+        (lambda: pfd.Simulator(arm, INPUT).linearize(zero, zero, zero), 'linearize takes'),
+        (lambda: pfd.Simulator(arm).step(zero, payload=BODY), r"use Scene\(payload='input'\)"),
+        (lambda: pfd.compile_kernel(arm)(zero, zero, zero, payload=BODY), 'takes none as an'),
+        (lambda: pfd.Simulator(arm, INPUT).step(zero, payload=2.0), 'must be a Payload or None'),
+        (lambda: pfd.Scene(gravity_compensation=INPUT), 'must have a Payload or None as payload'),
+    ):
+        with pytest.raises(ValueError, match=text):
+            call()

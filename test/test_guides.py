@@ -27,7 +27,6 @@ BLOCK = re.compile(r'^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```$)?', re.MULT
 GUIDES = sorted(
     path.stem for path in FOLDER.glob('*.md') if BLOCK.search(path.read_text(encoding='utf-8'))
 )
-WITH_SCIPY = re.compile(r'^```python scipy\n(.*?)^```$', re.MULTILINE | re.DOTALL)
 # Relative difference of a start's cost from the linear model's, over the size of the start
 # [rad, rad/s]: terms of third order relative to terms of second order; seen up to 0.1.
 CUBIC = 0.3
@@ -68,37 +67,6 @@ def test_gains_of_the_guide_put_all_eigenvalues_inside_the_unit_circle() -> None
     assert moduli.max() < 1
     # The slowest mode is that of the weights: 1 rad/s over 0.1 rad.
     assert -np.log(moduli.max()) / names['period'] == pytest.approx(10, rel=0.02)
-
-
-@pytest.mark.slow
-def test_the_recursion_of_the_guide_ends_at_a_solution_of_the_riccati_equation() -> None:
-    names, _ = ran('linear-feedback')
-    A, B, Q, R, P = (names[key] for key in 'ABQRP')
-    gain = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
-    assert relative(Q + A.T @ P @ A - A.T @ P @ B @ gain, P) < DYNAMICS
-    assert np.linalg.eigvalsh((P + P.T) / 2).min() > 0
-
-
-@pytest.mark.slow
-def test_scipy_finds_the_solution_of_the_guide() -> None:
-    names, _ = ran('linear-feedback')
-    (code,) = WITH_SCIPY.findall(text('linear-feedback'))
-    own = dict(names)
-    exec(code, own)
-    assert own['P'] is not names['P']
-    for key in 'KP':
-        assert relative(own[key], names[key]) < 1e-8
-
-
-@pytest.mark.slow
-def test_arms_of_the_guide_settle_also_at_the_limits_of_their_motors() -> None:
-    names, _ = ran('linear-feedback')
-    for start, effects in ((1.0, {}), (5.0, {'effort_limits': 'model'})):
-        _, runs = names['cost'](start * names['x0'], names['steps'], **effects)
-        assert runs.status == 'ok'
-        # Slowest by exp(-10 /s) over 3 s, and behind it the rounding of hold.
-        assert np.abs(runs.q[:, -1] - names['goal']).max() < 1e-11
-        assert np.abs(runs.qd[:, -1]).max() < 1e-10
 
 
 @pytest.mark.parametrize('size', [1e-6, 1e-3])

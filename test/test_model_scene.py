@@ -27,15 +27,6 @@ def robot() -> pfd.Robot:
     return random_chain(np.random.default_rng(5), 4)
 
 
-def test_the_default_is_rigid_links_and_gravity_and_nothing_else(robot: pfd.Robot) -> None:
-    plant = resolve_plant(robot)
-    assert plant.robot is robot
-    assert plant.damping is plant.armature is None
-    assert not plant.external_wrench
-    assert not plant.brakes
-    assert pfd.Scene() == pfd.Scene(gravity=(0, 0, -9.81))
-
-
 def test_gravity_is_given_in_the_axes_of_frame_0_and_exact_at_right_angles(
     robot: pfd.Robot,
 ) -> None:
@@ -119,34 +110,11 @@ def test_stops_are_the_models_or_given_with_one_restitution_or_many(robot: pfd.R
     assert not resolve_plant(robot, pfd.Scene(joint_limits=limits)).restitution.any()
 
 
-def test_a_joint_without_cogging_has_some_period(robot: pfd.Robot) -> None:
-    rows = [(0.5, 8.0, 0.1), (0.0, 0.0, 0.3), (-0.2, 3.0, 0.0), (0.1, 1.0, 0.0)]
-    np.testing.assert_array_equal(
-        resolve_plant(robot, pfd.Scene(cogging=rows)).cogging,
-        [rows[0], (0.0, 1.0, 0.0), *rows[2:]],
-    )
-    assert resolve_plant(robot, pfd.Scene(cogging=[(0.0, 8.0, 1.0)] * 4)).cogging is None
-
-
 @pytest.mark.parametrize('periods', [0.0, 1e-300, 1e-7, 1e7, -1e100])
 def test_periods_whose_energy_or_angle_has_no_digits_are_refused(periods: float) -> None:
     scene = pfd.Scene(cogging=[(0.1, periods, 0.0), (0.0, 0.0, 0.0)])
     with pytest.raises(ValueError, match=r"cogging of joint 'shoulder' must be within 1e-06 and"):
         resolve_plant(pfd.load_robot('planar2'), scene)
-
-
-def test_tables_of_torque_and_speed_get_the_rows_of_the_longest(robot: pfd.Robot) -> None:
-    tables = [None, [(1.0, 9.0), (2.0, 0.0)], [(0.5, 4.0)], None]
-    inf = np.inf
-    np.testing.assert_array_equal(
-        resolve_plant(robot, pfd.Scene(torque_speed=tables)).torque_speed,
-        [
-            [(inf, inf), (inf, inf)],
-            [(1, 9), (2, 0)],
-            [(0.5, 4), (inf, 4)],
-            [(inf, inf), (inf, inf)],
-        ],
-    )
 
 
 def test_motors_of_the_model_fall_off_beyond_its_velocity_limits(robot: pfd.Robot) -> None:
@@ -161,20 +129,6 @@ def test_motors_of_the_model_fall_off_beyond_its_velocity_limits(robot: pfd.Robo
     stuck = replace(model, velocity_limit=[2.0, 3.0, np.inf, 0.0])
     with pytest.raises(ValueError, match=r"velocity limits above zero, .* 'joint4' has 0\.0"):
         resolve_plant(stuck, pfd.Scene(torque_speed='model'))
-
-
-def test_drives_compensate_the_robot_without_its_payload_or_a_model(robot: pfd.Robot) -> None:
-    payload, other = pfd.Payload(1.0, (0, 0, 0.1)), pfd.Payload(2.0)
-    scene = pfd.Scene(gravity=(1.0, 0.0, -9.0), payload=payload, gravity_compensation=True)
-    drives = resolve_plant(robot, scene).gravity_compensation
-    assert drives is not None
-    assert drives.robot == robot
-    np.testing.assert_array_equal(drives.gravity, resolve_plant(robot, scene).gravity)
-    model = pfd.Scene(gravity=(0, 0, -1.6), payload=other)
-    drives = resolve_plant(robot, replace(scene, gravity_compensation=model)).gravity_compensation
-    assert drives is not None
-    assert drives.robot == pfd.with_payload(robot, other)
-    np.testing.assert_array_equal(drives.gravity, resolve_plant(robot, model).gravity)
 
 
 def test_equal_scenes_are_equal_keys_and_others_are_not(robot: pfd.Robot) -> None:
@@ -269,13 +223,6 @@ def test_a_scene_that_does_not_fit_names_the_joint(
         resolve_plant(robot, pfd.Scene(**arguments))
 
 
-def test_other_things_than_robots_and_scenes_are_refused(robot: pfd.Robot) -> None:
-    with pytest.raises(ValueError, match=r"robot must be a Robot, got 'puma560'; load_robot\(\)"):
-        resolve_plant('puma560')
-    with pytest.raises(ValueError, match='scene must be a Scene or None'):
-        resolve_plant(robot, {'gravity': None})
-
-
 # ---- files -----------------------------------------------------------------------------------
 
 
@@ -301,15 +248,6 @@ def test_a_scene_comes_back_the_same(scene: pfd.Scene, tmp_path: Path) -> None:
     assert again == scene
     assert again.digest == scene.digest
     assert pfd.load_scene(pfd.scene_to_yaml(scene)) == scene
-
-
-def test_a_file_holds_gravity_and_all_values_other_than_defaults(tmp_path: Path) -> None:
-    path = tmp_path / 'scene.yaml'
-    pfd.Scene(brakes=True, torque_speed=[None, [(0, 1)]]).save(str(path))
-    text = path.read_text(encoding='utf-8')
-    assert ' '.join(text.split()) == (
-        'gravity: [0.0, 0.0, -9.81] brakes: true torque_speed: - null - - [0.0, 1.0]'
-    )
 
 
 def test_a_file_may_be_written_by_hand() -> None:
@@ -412,17 +350,6 @@ def test_a_stated_zero_is_a_value() -> None:
     assert resolve_plant(stated[0], pfd.Scene(friction='model')).digest == bare
 
 
-def test_numbers_given_to_a_robot_are_stated_and_its_defaults_are_not() -> None:
-    fields = ('name', 'joint_names', 'joint_types', 'rotations', 'translations', 'masses')
-    bodies = {key: getattr(BARE, key) for key in (*fields, 'centers', 'inertias')}
-    robot = pfd.Robot(**bodies, friction=0.0, position_lower=[-1.0, -np.inf])
-    assert 'friction' not in robot.silent
-    assert 'position_lower' not in robot.silent
-    assert robot.silent['damping'] == robot.silent['position_upper'] == ('a', 'b')
-    # A value that is none of a silent joint is stated, however the robot was made.
-    assert replace(BARE, damping=[0.0, 1.0]).silent['damping'] == ('a',)
-
-
 def test_joints_without_a_value_are_named_in_one_warning() -> None:
     robot = pfd.load_robot(ODD_ARM)
     with pytest.warns(pfd.PhysicsWarning) as found:
@@ -517,18 +444,6 @@ def test_values_of_some_joints_by_name_are_the_values_of_all_with_nothing_for_th
     for each in ways:
         assert each == scene
         assert resolve_plant(UR5, each).digest == wanted
-
-
-def test_one_restitution_may_differ() -> None:
-    scene = pfd.Scene(joint_limits='model', restitution={'elbow_joint': 0.5})
-    assert resolve_plant(UR5, scene).restitution.tolist() == [0, 0, 0.5, 0, 0, 0]
-
-
-def test_both_forms_of_values_by_joint_may_be_mixed_in_any_order() -> None:
-    both = [('friction.wrist_1_joint', 1.0), ('friction', ELBOW_ALONE)]
-    for pairs in permutations(both):
-        scene = pfd.Scene(**dict(pairs))
-        assert scene.friction == (('elbow_joint', 2.0), ('wrist_1_joint', 1.0))
 
 
 @pytest.mark.parametrize(

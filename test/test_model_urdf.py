@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 import re
 import sys
@@ -29,7 +28,6 @@ from zoo import (
     joint,
     link,
     random_chain,
-    to_pinocchio,
     urdf,
 )
 
@@ -101,15 +99,6 @@ def test_right_angles_leave_exact_zeros_and_ones() -> None:
     assert (robot.inertias[:2, [0, 0, 1], [1, 2, 2]] == 0).all()
 
 
-def test_an_axis_along_z_adds_no_turn() -> None:
-    text = urdf(
-        'plain', link('base'), link('arm', 1, J=BODY), joint('j', 'revolute', 'base', 'arm')
-    )
-    robot = pfd.load_robot(text)
-    np.testing.assert_array_equal(robot.base_rotation, np.eye(3))
-    np.testing.assert_array_equal(robot.rotations[0], np.eye(3))
-
-
 def test_limits_and_friction_come_from_the_file() -> None:
     robot = pfd.load_robot(ODD_ARM)
     assert robot.joint_types == (
@@ -123,11 +112,6 @@ def test_limits_and_friction_come_from_the_file() -> None:
     np.testing.assert_array_equal(robot.damping, [0.7, 0, 0, 0, 0, 0])
     np.testing.assert_array_equal(robot.friction, [0.3, 0, 0, 0, 0, 0])
     np.testing.assert_array_equal(robot.armature, np.zeros(6))
-
-
-def test_links_fixed_beyond_the_tip_keep_their_mass() -> None:
-    whole, cut = pfd.load_robot(ODD_ARM, tip='hand'), pfd.load_robot(ODD_ARM, tip='wrist')
-    assert cut.masses[-1] == whole.masses[-1] == pytest.approx(0.8 + 0.5, rel=DYNAMICS)
 
 
 def test_the_positions_at_which_an_error_proposes_to_lock_are_within_the_limits() -> None:
@@ -146,11 +130,6 @@ def test_the_positions_at_which_an_error_proposes_to_lock_are_within_the_limits(
     locked = ast.literal_eval(cure[1])
     assert locked == {'b': -0.5, 'c': 0.25}
     assert pfd.load_robot(text, locked=locked).joint_names == ('a',)
-
-
-def test_a_mimic_joint_may_be_locked() -> None:
-    text = FORK.replace('<axis xyz="0 -1 0"/>', '<axis xyz="0 -1 0"/><mimic joint="left_finger"/>')
-    assert pfd.load_robot(text, locked={'left_finger': 0.0, 'right_finger': 0.0}).n == 2
 
 
 def test_joints_that_mimic_a_locked_joint_are_locked_at_positions_that_follow() -> None:
@@ -237,12 +216,6 @@ def test_a_floating_joint_above_the_base_is_cut_off() -> None:
     assert pfd.load_robot(text, base='arm').joint_names == ('j',)
 
 
-def test_the_physics_check_finds_a_wrong_robot() -> None:
-    robot = pfd.lock(pfd.load_robot(ODD_ARM), {'j2': 0.7})
-    with pytest.raises(AssertionError):
-        assert_same_physics(robot, ODD_ARM, {'j2': 0.7001})
-
-
 # The second joint is 1.8e-9 short of a right angle.
 NEARLY = urdf(
     'nearly',
@@ -256,16 +229,6 @@ def test_a_nearly_right_angle_is_made_exact_and_its_joint_named() -> None:
     robot = pfd.load_robot(NEARLY)
     assert robot.snapped_joints == ('second',)
     assert set(np.abs(robot.rotations[0]).ravel().tolist()) == {0.0, 1.0}
-
-
-def test_right_angles_can_be_left_as_written() -> None:
-    robot = pfd.load_robot(NEARLY, right_angle=-1.0)
-    assert robot.snapped_joints == ()
-    # 1.8e-9 short of a right angle: so large is the cosine.
-    off = np.pi / 2 - 1.570796325
-    assert np.abs(robot.rotations[0]).max() <= 1
-    assert np.isclose(np.abs(robot.rotations[0][1, 1]), np.sin(off), rtol=1e-6)
-    assert pfd.load_robot(NEARLY, right_angle=1e-9).snapped_joints == ()
 
 
 def changed(old: str, new: str) -> str:
@@ -359,18 +322,6 @@ def test_a_body_that_cannot_be_is_not_hidden_by_the_one_it_is_welded_to() -> Non
         joint('j', 'revolute', 'base', 'arm'),
     )
     assert pfd.load_robot(text).masses[0] == 0.5
-
-
-def test_a_loop_apart_from_the_rest_is_named() -> None:
-    text = urdf(
-        *('x', *ARM, link('c', 1, J=BODY), link('d', 1, J=BODY)),
-        *(joint('j', 'revolute', 'base', 'arm'), joint('k', 'revolute', 'c', 'd')),
-        joint('l', 'fixed', 'd', 'c'),
-    )
-    with pytest.raises(ValueError, match="joints 'k', 'l' form a closed loop apart from the rest"):
-        pfd.load_robot(text)
-    with pytest.raises(ValueError, match=r'closed loop|without a parent'):
-        pfd.load_robot(urdf('x', *ARM, joint('j', 'revolute', 'arm', 'arm')))
 
 
 def test_a_massless_link_within_the_chain_is_loaded_and_warned_of() -> None:
@@ -480,16 +431,8 @@ def test_misspelt_names_are_named_in_one_warning_at_the_line_that_loads() -> Non
     assert warning.filename == __file__
 
 
-def test_unexpanded_xacro_is_an_error_with_the_command_to_run() -> None:
-    text = NAMED.replace('<link name="base"/>', '<xacro:arm/><link name="base"/>')
-    with pytest.raises(ValueError, match=r'<xacro:arm>, which is not expanded: load the \.xacro'):
-        pfd.load_robot(text)
-
-
 # Angles and products of a few rotations, relative to numbers of about one.
 ROUNDING = 1e-14
-# Forces of chains of up to ten such rotations.
-TORQUE_ROUNDING = 1e-11
 
 
 def robots() -> list[pfd.Robot]:
@@ -517,38 +460,6 @@ def test_a_robot_written_as_urdf_is_read_as_the_same_robot(robot: pfd.Robot) -> 
         np.testing.assert_allclose(
             found.frames[name].translation, frame.translation, atol=ROUNDING
         )
-
-
-@pytest.mark.filterwarnings('ignore::pfd_core.PhysicsWarning')
-@pytest.mark.parametrize('robot', robots(), ids=lambda robot: f'{robot.name}-{robot.n}')
-def test_pinocchio_computes_the_torques_of_the_robot_from_the_urdf(robot: pfd.Robot) -> None:
-    read = pin.buildModelFromXML(pfd.robot_to_urdf(robot))
-    own = to_pinocchio(robot)
-    q, qd, qdd = np.random.default_rng(2).uniform(-1.0, 1.0, size=(3, robot.n))
-    turning = [kind == 'continuous' for kind in robot.joint_types]
-    whole = [
-        x
-        for a, turns in zip(q, turning, strict=True)
-        for x in ((np.cos(a), np.sin(a)) if turns else (a,))
-    ]
-    found = pin.rnea(read, read.createData(), np.array(whole), qd, qdd)
-    wanted = pfd.inverse_dynamics(robot, q, qd, qdd)
-    assert own.nv == read.nv
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=TORQUE_ROUNDING * np.abs(wanted).max())
-
-
-def test_the_urdf_of_a_urdf_is_itself(tmp_path: Path) -> None:
-    path = tmp_path / 'odd.urdf'
-    path.write_text(ODD_ARM, encoding='utf-8')
-    assert pfd.urdf_of(path) == ODD_ARM
-    assert pfd.urdf_of(ODD_ARM) == ODD_ARM
-
-
-def test_a_robot_that_no_urdf_can_hold_is_refused() -> None:
-    arm = pfd.load_robot('planar2')
-    for names in (('a\x01b', 'c'), ('a\ud800', 'c')):
-        with pytest.raises(ValueError, match="'planar2' cannot be written as URDF: the URDF"):
-            pfd.robot_to_urdf(replace(arm, joint_names=names))
 
 
 INCLUDED = """

@@ -18,16 +18,12 @@ from typing import Any
 import warnings
 import xml.etree.ElementTree as ElementTree
 
-import bridge
 from bridge import cached_kernel
 import numpy as np
-from oracle import Oracle, jacobi_condition
-import pinocchio as pin
 import pytest
 from sampling import one_fast
-from tolerances import ACCELERATION
-from urdf_models import assert_same_physics, exact_angles, example
-from zoo import BODY, WHEEL, joint, link, random_chain, random_state, urdf, without_mass
+from urdf_models import example
+from zoo import BODY, WHEEL, joint, link, random_state, urdf, without_mass
 
 import pfd_core as pfd
 
@@ -204,12 +200,6 @@ def test_a_wrong_argument_of_a_public_method_is_named(
     assert not found, '\n'.join(found)
 
 
-def test_batches_that_do_not_agree_are_named_by_emulate() -> None:
-    robot = pfd.load_robot('puma560')
-    with pytest.raises(ValueError, match=r'agree in their batch, got q \(2, 6\), qd \(3, 6\)'):
-        pfd.emulate(robot, np.zeros((2, 6)), np.zeros((3, 6)), np.zeros(6))
-
-
 UR5 = 'ur_description/urdf/ur5_robot.urdf'
 WRIST = "link[@name='wrist_3_link']/inertial"
 
@@ -233,13 +223,6 @@ def without_last_mass(root: ElementTree.Element) -> None:
     found(root, f'{WRIST}/mass').set('value', '0')
     inertia = found(root, f'{WRIST}/inertia')
     inertia.attrib.update(dict.fromkeys(inertia.attrib, '0'))
-
-
-def without_limits(root: ElementTree.Element) -> None:
-    """Remove all <limit> elements."""
-    for element in root.findall('joint'):
-        for limit in element.findall('limit'):
-            element.remove(limit)
 
 
 # Numbers at run time.
@@ -418,14 +401,6 @@ def test_a_body_on_a_skew_axis_has_no_inertia_about_it_whatever_rounding_leaves(
             pfd.compile_kernel(robot)
 
 
-def test_a_joint_whose_links_beyond_have_no_mass_needs_a_rotor_of_its_own() -> None:
-    robot = without_mass(random_chain(np.random.default_rng(3), 3, 0.0), [1, 2])
-    rotors = {'joint3': 0.1}
-    with pytest.raises(ValueError, match=r"'joint2'\) has no inertia.*lock 'joint2'"):
-        pfd.compile_kernel(robot, scene=pfd.Scene(armature=rotors))
-    pfd.compile_kernel(robot, scene=pfd.Scene(armature=rotors | {'joint2': 0.1}))
-
-
 def test_a_sliding_link_needs_a_mass_and_a_turning_one_an_inertia_about_its_axis() -> None:
     def arm(kind: str, mass: float, xyz: str, J: str) -> pfd.Robot:
         return pfd.load_robot(
@@ -440,20 +415,6 @@ def test_a_sliding_link_needs_a_mass_and_a_turning_one_an_inertia_about_its_axis
         pfd.Simulator(arm('prismatic', 0.0, '0 0 0', ball))
     with pytest.raises(ValueError, match='no inertia about its joint'):
         pfd.Simulator(arm('revolute', 1.0, '0 0 0.1', zero))
-
-
-def test_a_link_with_inertia_and_without_mass_moves_as_in_pinocchio() -> None:
-    text = edited(UR5, lambda root: found(root, f'{WRIST}/mass').set('value', '0'))
-    robot = pfd.load_robot(text, tip='ee_link')
-    assert robot.masses[-1] == 0
-    assert_same_physics(robot, text, {})
-    model = pin.buildModelFromXML(exact_angles(text))
-    q, qd, tau = random_state(np.random.default_rng(6), 6)
-    right = pin.aba(model, model.createData(), q, qd, tau)
-    condition = jacobi_condition(Oracle(robot).H(q))
-    for method in ('composite_body', 'articulated_body'):
-        qdd = pfd.forward_dynamics(robot, q, qd, tau, method=method)
-        assert np.abs(qdd - right).max() <= ACCELERATION * condition * np.abs(right).max()
 
 
 def test_an_arm_scaled_to_micrometres_is_loaded_with_the_same_digits() -> None:
@@ -481,18 +442,6 @@ def test_an_arm_scaled_to_micrometres_is_loaded_with_the_same_digits() -> None:
 # Axes, limits, friction and structure.
 
 
-def test_a_joint_without_limits_is_unlimited_and_warned_of() -> None:
-    with pytest.warns(pfd.PhysicsWarning) as warned:
-        robot = pfd.load_robot(edited(UR5, without_limits), tip='ee_link')
-    assert [str(w.message).split(' is ')[0] for w in warned] == [
-        f"joint '{name}'" for name in robot.joint_names
-    ]
-    assert all(w.filename == __file__ for w in warned)
-    for key in ('position_upper', 'velocity_limit', 'effort_limit'):
-        np.testing.assert_array_equal(getattr(robot, key), np.inf)
-    np.testing.assert_array_equal(robot.position_lower, -np.inf)
-
-
 def test_turns_of_a_joint_are_counted_and_a_slow_joint_moves_in_float32() -> None:
     scene = pfd.Scene(gravity=None)
     for kind in ('continuous', 'revolute'):
@@ -510,20 +459,6 @@ def test_turns_of_a_joint_are_counted_and_a_slow_joint_moves_in_float32() -> Non
         assert turns.tolist() == [round(6000 / (2 * np.pi))]
         # h qd / 6 is rounded once for all steps: the error may be half a digit of q itself.
         assert abs(angle[0] - (6000 - 2 * np.pi * turns[0])) <= np.spacing(right) / 2
-
-
-def test_sliding_joints_have_no_turns() -> None:
-    crane = urdf(
-        'crane',
-        *(link('base'), link('beam', 1, J=BODY), link('hook', 1, J=BODY)),
-        joint('turn', 'continuous', 'base', 'beam'),
-        joint('slide', 'prismatic', 'beam', 'hook'),
-    )
-    many = pfd.Ensemble(pfd.load_robot(crane), 2)
-    many.reset([[-20.0, -20.0], [3.0, 1.5]])
-    angle, turns = many.wrapped
-    np.testing.assert_array_equal(turns, [[-3, 0], [0, 0]])
-    np.testing.assert_allclose(angle, [[-20.0 + 6 * np.pi, -20.0], [3.0, 1.5]], rtol=1e-15)
 
 
 # With rows of the state besides q and qd, which a step needs of the step before.
@@ -633,15 +568,6 @@ def test_a_trajectory_keeps_its_accelerations(way: str, read: bool) -> None:
         for name in ('time', 'q', 'qd'):
             np.testing.assert_array_equal(getattr(twin, name), getattr(run, name))
         assert (twin.status, twin.finite_steps) == (run.status, run.finite_steps)
-
-
-def test_a_pickled_trajectory_needs_no_compiler_to_be_opened(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    run = pfd.Simulator(pfd.load_robot('planar2')).rollout(np.zeros((3, 2)))
-    data = pickle.dumps(run)
-    monkeypatch.setattr(*bridge.target('Simulator_compile'), lambda self: pytest.fail('compiled'))
-    assert pickle.loads(data).qdd.tobytes() == run.qdd.tobytes()
 
 
 @pytest.mark.parametrize('way', COPIES)

@@ -1,28 +1,50 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Quantities for controllers: against Pinocchio, against one another, and counts."""
+"""Quantities for controllers, and derivatives of programs and of forward dynamics."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import cache
+from itertools import product
 from typing import Any
 
 from bridge import (
+    DERIVATIVE_MODES,
+    OPERATIONS,
     Frame,
+    Lanes,
+    Plant,
+    Recorder,
+    derivative_program,
+    directional_program,
+    fold_program,
+    fuse_program,
+    lane_cos,
+    lane_sin,
+    lane_sqrt,
+    lane_where,
     lower_program,
     program_operations,
+    record_derivatives,
+    record_forward_dynamics,
     resolve_plant,
     rotation_z,
     run_program,
 )
+import mpmath
 import numpy as np
+from numpy.typing import ArrayLike
 from oracle import ARMS, Oracle, chains, relative
 import pinocchio as pin
 import pytest
-from tolerances import DYNAMICS
+from sampling import one_fast
+from tolerances import DYNAMICS, FIFTY_DIGITS
 from zoo import Array, random_chain, random_state
 
+from benchmarks.cases.robots import coaxial
+from benchmarks.cases.robots import robot as robot_called
 import pfd_core as pfd
 
 FEW, MANY = 6, 100
@@ -137,20 +159,6 @@ def test_quantities_of_the_tip_agree_with_pinocchio(count: int) -> None:
         assert relative(found, local.T @ k) < DYNAMICS
 
 
-@pytest.mark.parametrize('count', SEVERAL)
-def test_columns_of_the_inertia_matrix_are_torques_of_unit_accelerations_to_16_u(
-    count: int,
-) -> None:
-    for rng, robot in robots(count, seed=65):
-        scene = pfd.Scene(gravity=None, armature='model')
-        q = rng.uniform(-np.pi, np.pi, robot.n)
-        H = quantity('inertia_matrix', robot, scene, q=q)
-        program = pfd.QUANTITIES['inverse_dynamics'](resolve_plant(robot, scene))
-        columns = np.eye(robot.n)
-        given = {'q': 0 * columns + q, 'qd': 0 * columns, 'qdd': columns}
-        assert relative(run_program(program, given)['tau'].T, H) <= 16 * 2.0**-53, robot
-
-
 @pytest.mark.parametrize('name', ARMS)
 def test_the_base_link_does_not_move_and_a_wrench_on_it_needs_no_torques(name: str) -> None:
     robot = replace(
@@ -197,16 +205,317 @@ def test_quantities_take_no_more_operations_than_promised(name: str) -> None:
         assert sum(count for op, count in counts.items() if op != 'neg') <= most, key
 
 
-def test_a_quantity_of_a_scene_costs_only_the_effects_that_it_reads() -> None:
-    robot = pfd.load_robot('ur5')
-    scene = pfd.Scene(
-        damping=np.ones(6), effort_limits=np.ones(6), brakes=True, external_wrench=True
-    )
-    for name in ('inertia_matrix', 'gravity_torques', 'energy', 'tip_pose', 'wrench_torques'):
-        first, second = (
-            program_operations(
-                lower_program(pfd.QUANTITIES[name](resolve_plant(robot, s)), 'float64').compiled
-            )
-            for s in (None, scene)
+def differences(
+    program: pfd.Program,
+    inputs: Mapping[str, ArrayLike],
+    output: str,
+    name: str,
+    step: str = '1e-16',
+    digits: int = 50,
+) -> Any:
+    """
+    Return the derivatives of an output with respect to an input, (..., elements of the input).
+
+    What is cut off are third derivatives times the square of the step.
+    """
+    with mpmath.workdps(digits):
+        change = mpmath.mpf(step)
+        n = program.inputs[name]
+        moves = np.array([[change * (i == j) for j in range(n)] for i in range(n)])
+        at = {
+            key: np.broadcast_to(np.asarray(inputs[key], dtype=object), (2 * n, size))
+            for key, size in program.inputs.items()
+        }
+        at[name] = at[name] + np.concatenate([moves, -moves])
+        values = run_program(program, at, digits=digits)[output]
+        return np.moveaxis((values[:n] - values[n:]) / (2 * change), 0, -1)
+
+
+RULES = [name for name, row in OPERATIONS.items() if row.partials or name == 'select']
+# Central differences over 1e-16 on 50 digits: 1e-32 are cut off, 1e-34 rounded.
+RULE_DIFFERENCES = 1e-28
+in_both_modes = pytest.mark.parametrize('mode', DERIVATIVE_MODES)
+
+
+def recorded(size: int, function: Callable[..., Any]) -> pfd.Program:
+    """Return the program of y = function(*x), x of the given size, y one value or several."""
+    recorder = Recorder(1, 'sequential')
+    values = function(*(recorder.input('x', [k]) for k in range(size)))
+    values = values if isinstance(values, tuple) else (values,)
+    recorder.output('y', (len(values),), [(recorder.lift(value), 0) for value in values])
+    return recorder.program()
+
+
+def jacobian(program: pfd.Program, x: Any, mode: str, digits: int | None = 50) -> Any:
+    made = derivative_program(program, ['y'], ['x'], mode)
+    return run_program(made, {'x': x}, digits=digits)['d y/d x']
+
+
+def close(found: Any, wanted: Any, tolerance: float = RULE_DIFFERENCES) -> bool:
+    with mpmath.workdps(50):
+        return bool(np.abs(found - wanted).max() <= tolerance * max(1, np.abs(wanted).max()))
+
+
+@pytest.mark.sweep
+@in_both_modes
+@pytest.mark.parametrize('op', RULES)
+def test_each_rule_agrees_with_differences_for_inputs_equal_operands_and_constants(
+    op: str, mode: str
+) -> None:
+    x = [mpmath.mpf('0.7'), mpmath.mpf('1.9'), mpmath.mpf('1.3' if op == 'sqrt' else '-1.3')]
+    for choice in product([0, 1, 2, 0.0, 1.0, -1.0, 2.5], repeat=OPERATIONS[op].arity):
+        # Integers are inputs, of which there is one at least.
+        by_zero = op == 'div' and str(choice[1]) == '0.0'
+        if by_zero or all(isinstance(c, float) for c in choice):
+            continue
+
+        def function(*inputs: Lanes, choice: tuple[float, ...] = choice) -> Lanes:
+            recorder = inputs[0].recorder
+            operands = [inputs[c] if isinstance(c, int) else recorder.lift(c) for c in choice]
+            return recorder.apply(op, *operands)
+
+        program = recorded(3, function)
+        assert close(jacobian(program, x, mode), differences(program, {'x': x}, 'y', 'x')), choice
+
+
+@in_both_modes
+def test_a_select_has_the_derivative_of_the_operand_it_selects_and_none_of_its_condition(
+    mode: str,
+) -> None:
+    program = recorded(2, lambda c, x: (lane_where(c, c * c + 3.0 * c, 5.0 * c) + x, x))
+    for c, slope in ((2.0, 7.0), (0.0, 5.0), (-2.0, 5.0)):
+        found = jacobian(program, [c, 3.0], mode, digits=None)
+        np.testing.assert_array_equal(found, [[slope, 1.0], [0.0, 1.0]])
+
+
+def all_operations(x: Lanes, y: Lanes, z: Lanes) -> tuple[Lanes, ...]:
+    """Return composite functions of all operations, with shared parts, for |x| < 1."""
+    root = lane_sqrt(1.0 - x * x) + y
+    angle = z * root / (3.0 + lane_sin(x * y))
+    first = lane_cos(angle) * lane_sin(angle) - lane_where(z, angle * z, -z)
+    return first, first * first + root * 0.25, -(y / root) + 2.0, x, root - root + 1.5
+
+
+def sums(x: Lanes, y: Lanes, z: Lanes) -> tuple[Lanes, ...]:
+    """Return sums of products that fuse in every way, of operands that depend on all inputs."""
+    a, b, c = lane_sin(x) + y, x / y, lane_sqrt(x * x + y) + z
+    p = b * a
+    fused = (a * b + c, c + a * c, b * c - a, c - a * a, a * b - b * c, a * a - b * b)
+    return *fused, a * c + a, 1.0 - 3.0 * b, 2.5 * a - (b * -1.0 + c), p + p, p - c, c - p
+
+
+@pytest.mark.parametrize('passes', ['recorded', 'folded', 'fused'])
+@pytest.mark.parametrize('function', [all_operations, sums])
+def test_composite_functions_agree_with_differences_and_both_modes_with_each_other(
+    function: Callable[..., Any], passes: str
+) -> None:
+    program = recorded(3, function)
+    if passes != 'recorded':
+        program = (
+            fold_program(program) if passes == 'folded' else fuse_program(fold_program(program))
         )
-        assert first == second, name
+    for x in (['0.3', '1.2', '-0.8'], ['-0.6', '2.1', '0.9']):
+        point = [mpmath.mpf(v) for v in x]
+        tangent, adjoint = (jacobian(program, point, mode) for mode in DERIVATIVE_MODES)
+        assert close(tangent, differences(program, {'x': point}, 'y', 'x'))
+        assert close(tangent, adjoint, FIFTY_DIGITS)
+
+
+@pytest.mark.parametrize('modes', list(product(DERIVATIVE_MODES, repeat=2)))
+def test_second_derivatives_agree_with_differences_of_the_first_and_are_symmetric(
+    modes: tuple[str, str],
+) -> None:
+    first = derivative_program(recorded(3, all_operations), ['y'], ['x'], modes[0])
+    second = derivative_program(first, ['d y/d x'], ['x'], modes[1])
+    point = [mpmath.mpf(v) for v in ('0.3', '1.2', '0.8')]
+    found = run_program(second, {'x': point}, digits=50)['d d y/d x/d x']
+    assert close(found, found.transpose(0, 2, 1), FIFTY_DIGITS)
+    assert close(found, differences(first, {'x': point}, 'd y/d x', 'x'))
+
+
+def test_directional_derivatives_are_products_with_the_jacobian() -> None:
+    program = recorded(3, all_operations)
+    rng = np.random.default_rng(2)
+    x, dx = rng.uniform(0.1, 0.9, 3), rng.normal(size=3)
+    made = directional_program(program, ['y'], ['x'])
+    assert made.inputs == {'x': 3, 'd x': 3}
+    found = run_program(made, {'x': x, 'd x': dx}, digits=50)['d y'].astype(float)
+    wanted = jacobian(program, x, 'tangent').astype(float) @ dx
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-14)
+
+
+EXACT = ('ur5', 'panda', 'puma560', 'planar2', 'chain4')  # twists whose sine and cosine are exact
+STATE = ('q', 'qd', 'tau')
+# Central by_differences over STEP at DIGITS: the third derivative times STEP^2 is cut off, and the
+# rounding is divided by STEP.
+STEP, DIGITS = '1e-20', 60
+DIFFERENCES = 1e-35
+# Relative to the largest entry. In float64 the rounding of some thousand operations is multiplied
+# by the condition number of H, at most 2e3 here; in 50 digits a twist whose sine and cosine are
+# rounded to float64 is no rotation, which is the same to first order. Seen up to 5e-14.
+ROUNDING = 1e-13
+
+
+def everything(rng: np.random.Generator, robot: pfd.Robot) -> pfd.Scene:
+    """Return a scene with all effects of an instant, whose limits cut off some torques."""
+    n = robot.n
+    falling = [(0.0, 30.0), (1.0, 20.0), (2.5, 5.0)]
+    return pfd.Scene(
+        gravity=(1.0, 2.0, -9.0),
+        external_wrench=True,
+        damping=robot.damping,
+        armature=robot.armature,
+        brakes=True,
+        stiffness=rng.uniform(1.0, 5.0, n),
+        rest_position=rng.uniform(-1.0, 1.0, n),
+        effort_limits=np.full(n, 25.0),
+        torque_speed=[falling if rng.random() < 0.5 else None for _ in range(n)],
+        gravity_compensation=bool(rng.random() < 0.5),
+    )
+
+
+def inputs(rng: np.random.Generator, robot: pfd.Robot, scene: pfd.Scene) -> dict[str, Array]:
+    """Return a state of the order of one, with a wrench and about a fifth of the joints held."""
+    n = robot.n
+    q, qd, qdd = random_state(rng, n)
+    given = {'q': q, 'qd': qd, 'tau': Oracle(robot).tau(q, qd, qdd)}
+    if scene.external_wrench:
+        given['wrench'] = rng.normal(size=6) * 10
+    if scene.brakes:
+        given['free'] = 1.0 - (rng.random(n) < 0.2)
+        given['free'][rng.integers(n)] = 1.0
+    return given
+
+
+def by_differences(robot: pfd.Robot, scene: pfd.Scene, given: dict[str, Array]) -> Any:
+    """Return differences by_differences of qdd by q, qd and tau, (n, 3 n), on mpmath numbers."""
+    program = record_forward_dynamics(resolve_plant(robot, scene), 'composite_body', 'sequential')
+    parts = [differences(program, given, 'qdd', name, STEP, DIGITS) for name in STATE]
+    return np.concatenate(parts, axis=1)
+
+
+def derivatives(
+    robot: pfd.Robot, scene: pfd.Scene, given: dict[str, Array], **options: Any
+) -> Any:
+    """Return d qdd / d(q, qd, tau), (n, 3 n), of the factors that a kernel multiplies."""
+    parts = run_program(record_derivatives(resolve_plant(robot, scene)), given, **options)
+    X = parts['X']
+    with mpmath.workdps(DIGITS):
+        by_tau = X * parts['T'] if 'T' in parts else X
+        return np.concatenate([-(X @ parts['D']), by_tau], axis=1)
+
+
+@cache
+def arm(name: str) -> tuple[pfd.Robot, dict[str, Array], Any]:
+    """Return a robot, inputs, and 50-digit by_differences there, in gravity alone."""
+    robot = robot_called(name)
+    given = inputs(np.random.default_rng(41), robot, pfd.Scene())
+    return robot, given, by_differences(robot, pfd.Scene(), given)
+
+
+@pytest.mark.parametrize('name', one_fast(EXACT))
+def test_fifty_digits_equal_central_differences_entry_by_entry(name: str) -> None:
+    robot, given, wanted = arm(name)
+    found = derivatives(robot, pfd.Scene(), given, digits=50)
+    assert relative(found, wanted) < DIFFERENCES
+    largest = np.abs(wanted).max()
+    assert (np.abs(found - wanted) <= DIFFERENCES * (np.abs(wanted) + 1e-3 * largest)).all()
+
+
+@pytest.mark.parametrize('seed', one_fast(range(8), 3))
+def test_chains_in_a_scene_with_everything_equal_central_differences(seed: int) -> None:
+    rng = np.random.default_rng([42, seed])
+    robot = random_chain(rng, 1 + seed % 6, 0.4)
+    scene = everything(rng, robot)
+    given = inputs(rng, robot, scene)
+    wanted = by_differences(robot, scene, given)
+    for options in ({}, {'digits': 50}):
+        assert relative(derivatives(robot, scene, given, **options), wanted) < ROUNDING
+
+
+FACTOR, BODIES = ('composite_body', 0), ('grouped_articulated_body', 0)
+
+
+def inverse(plant: Plant, how: tuple[str, int], given: dict[str, Array], **options: Any) -> Any:
+    return run_program(record_derivatives(plant, *how), given, **options)['X']
+
+
+def by_unit_torques(plant: Plant, given: dict[str, Array]) -> Any:
+    """Return H^-1 in 50 digits: accelerations by unit torques, of parameters as given."""
+    program = record_forward_dynamics(plant, 'articulated_body', 'sequential')
+    n = plant.robot.n
+    still = given | {'qd': np.zeros(n)}
+    rest, *columns = (
+        run_program(program, still | {'tau': tau}, digits=50)['qdd']
+        for tau in (np.zeros(n), *np.eye(n))
+    )
+    return np.array([column - rest for column in columns]).T
+
+
+def test_articulated_bodies_keep_the_inverse_inertia_of_nearly_coaxial_joints() -> None:
+    # kappa_J is 7e11: the factor of H has few digits left.
+    plant = resolve_plant(coaxial(1e-12))
+    given = inputs(np.random.default_rng(53), plant.robot, pfd.Scene())
+    wanted = by_unit_torques(plant, given)
+    assert relative(inverse(plant, FACTOR, given), wanted) > 1e-8
+    assert relative(inverse(plant, BODIES, given), wanted) < 4 * 2.0**-53
+
+
+def test_braked_joints_have_rows_of_zeros_and_torques_on_them_change_nothing() -> None:
+    for rng, robot in chains(8, seed=47):
+        scene = everything(rng, robot)
+        given = inputs(rng, robot, scene)
+        held = given['free'] == 0
+        found = derivatives(robot, scene, given)
+        assert not found[held].any()
+        assert not found[:, 2 * robot.n :][:, held].any()
+
+
+METHODS = ('composite_body', 'grouped_articulated_body', 'pcgm')
+
+
+@pytest.mark.parametrize('method', METHODS[:2])
+def test_refined_answers_and_the_derivatives_of_torques_there_have_all_digits(method: str) -> None:
+    # A tip of 1e6 kg costs half of the digits of grouped parameters.
+    robot, given, _ = arm('panda')
+    plant = resolve_plant(
+        robot, pfd.Scene(payload=pfd.Payload(1e6, (0.1, 0.2, 0.3), 1e4 * np.eye(3)))
+    )
+    own = record_forward_dynamics(plant, 'articulated_body', 'sequential')
+    exact = run_program(own, given, digits=50)['qdd']
+    rough, refined = (run_program(record_derivatives(plant, method, k), given) for k in (0, 1))
+    assert relative(rough['qdd'], exact) > 1e-12
+    assert relative(refined['qdd'], exact) < 1e-15
+    D = run_program(record_derivatives(plant, method, 1), given, digits=50)['D']
+    assert relative(refined['D'], D) < 1e-14
+
+
+# Operations of the factors of a kernel, at most, and with the product of X and D, which takes n
+# for each element of D that varies.
+OPERATIONS_OF_DERIVATIVES = [
+    ('ur5', 1125, 1760),
+    ('panda', 2078, 3200),
+    pytest.param('chain30', 43_000, np.inf, marks=[pytest.mark.slow, pytest.mark.long]),
+]
+
+
+@pytest.mark.parametrize(('name', 'factors', 'whole'), OPERATIONS_OF_DERIVATIVES)
+def test_derivatives_take_no_more_operations_than_promised(
+    name: str, factors: int, whole: float
+) -> None:
+    robot = robot_called(name)
+    program = lower_program(record_derivatives(resolve_plant(robot)), 'float64').compiled
+    elements = [program.instructions[register] for register, _ in program.outputs['D'].places]
+    product = robot.n * sum(one.op != 'constant' for one in elements)
+    counts = program_operations(program)
+    work = sum(counts.values()) - counts.get('neg', 0)
+    assert work <= factors
+    assert work + product <= whole
+
+
+@pytest.mark.parametrize('name', one_fast(['ur5', 'panda']))
+def test_a_first_joint_along_gravity_gives_an_exact_zero_column(name: str) -> None:
+    robot, given, _ = arm(name)
+    down = -9.81 * robot.base_rotation[:, 2]
+    assert not derivatives(robot, pfd.Scene(gravity=down), given)[:, 0].any()
+    assert derivatives(robot, pfd.Scene(gravity=(3.0, 0.0, -9.0)), given)[:, 0].any()

@@ -1,22 +1,22 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Time: the same bits in steps and rollouts, energy, order, motors that lag or saturate."""
+"""Time: steps and rollouts, energy, order; motors, damping, springs, friction by the load."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import deepcopy
 from functools import partial
 from itertools import pairwise
 import math
 from typing import Any
 
-from bridge import TABLEAUX
+from bridge import STIFF_DECAY, TABLEAUX, fastest_decay, resolve_plant
 import numpy as np
+from oracle import Oracle
 import pinocchio as pin
 import pytest
 from sampling import one_fast
-from zoo import WHEEL, to_pinocchio
+from zoo import WHEEL, Array, joint, link, slider, to_pinocchio, urdf
 
 import pfd_core as pfd
 
@@ -93,25 +93,6 @@ def test_the_error_falls_with_the_order_of_the_integrator(integrator: str) -> No
     errors = [np.abs(end(substeps) - reference).max() for substeps in (2, 4, 8)]
     for coarse, fine in pairwise(errors):
         assert math.log2(coarse / fine) == pytest.approx(TABLEAUX[integrator].order, abs=0.2)
-
-
-def test_time_does_not_drift() -> None:
-    sim = pfd.Simulator(pfd.load_robot('planar2'), step_size=1e-3)
-    sim.reset(time=5.0)
-    sim.rollout(np.zeros((700, 2)))
-    for _ in range(300):
-        sim.step([0.0, 0.0])
-    assert sim.time == 5.0 + 1000 * 1e-3
-
-
-def test_a_reset_sets_state_and_time_after_any_number_of_steps() -> None:
-    sim = pfd.Simulator(pfd.load_robot('planar2'))
-    for steps in (0, 1, 2, 3):
-        sim.reset([0.1, steps], [0.2, steps], time=steps)
-        assert (sim.q.tolist(), sim.qd.tolist()) == ([0.1, steps], [0.2, steps])
-        assert sim.time == steps
-        for _ in range(steps):
-            sim.step([1.0, 0.0])
 
 
 def test_an_overflow_is_a_status_and_the_finite_steps_are_counted() -> None:
@@ -253,7 +234,6 @@ REFUSED: dict[str, Callable[[pfd.Simulator], Any]] = {
 
 
 def facts(sim: pfd.Simulator) -> tuple[Any, ...]:
-    """Return all public values of a simulation, as bits."""
     return sim.q.tobytes(), sim.qd.tobytes(), sim.qdd.tobytes(), sim.time, sim.status
 
 
@@ -277,65 +257,35 @@ START = np.array([0.1, -0.7, 0.9, 0.3, 0.2, 0.5])
 COMMAND = np.array([20.0, -30.0, 10.0, 1.0, -1.0, 0.5])
 HOLD = 0.036
 # Time constants of all kinds: none, as short as a step, ten times as long.
-MIXED = np.array([0.0, 2e-3, 0.0, 5e-4, 4e-3, 0.0])
+LAGS = np.array([0.0, 2e-3, 0.0, 0.0, 4e-3, 0.0])
 
 
-def lagging_puma(lag: Any, integrator: str, substeps: int, **scene: Any) -> pfd.Simulator:
-    """Return an arm before a step of HOLD seconds, its motors without torque."""
-    scene = {'armature': 'model', **scene}
-    robot = pfd.load_robot('puma560')
-    sim = pfd.Simulator(
-        robot,
-        pfd.Scene(motor_lag=lag, **scene),
-        step_size=HOLD,
-        substeps=substeps,
-        integrator=integrator,
-    )
-    sim.reset(q=START)
-    return sim
-
-
-def lagging_reference(lag: np.ndarray, **scene: Any) -> np.ndarray:
-    """Return the position after HOLD seconds, by the closed form of the torque and DOP853."""
+@pytest.mark.parametrize('integrator', one_fast(INTEGRATORS))
+@pytest.mark.parametrize(
+    'lag', [LAGS, *(pytest.param(np.full(6, x), marks=pytest.mark.slow) for x in (2e-3, 8e-3))]
+)
+def test_the_error_with_motors_that_lag_falls_with_the_order_of_the_integrator(
+    integrator: str, lag: np.ndarray
+) -> None:
+    robot, kept = pfd.load_robot('puma560'), {'armature': 'model'}
+    if TABLEAUX[integrator].implicit:
+        kept['damping'] = np.full(6, 100.0)
     lags = np.where(lag > 0, lag, 1.0)
 
     def torque(t: float, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         return COMMAND * np.where(lag > 0, -np.expm1(-t / lags), 1.0)
 
-    run = pfd.integrate(
-        pfd.load_robot('puma560'),
-        torque,
-        HOLD,
-        scene=pfd.Scene(armature='model', **scene),
-        q=START,
-        rtol=1e-13,
-        atol=1e-15,
-        dense=False,
-    )
-    assert run.status == 'ok'
-    return np.asarray(run.q[-1])
-
-
-@pytest.mark.parametrize('integrator', one_fast(INTEGRATORS))
-@pytest.mark.parametrize(
-    'lag',
-    [
-        pytest.param(np.full(6, 2e-3), marks=pytest.mark.slow),
-        pytest.param(np.full(6, 8e-3), marks=pytest.mark.slow),
-        MIXED * [1, 1, 1, 0, 1, 1],
-    ],
-    ids=str,
-)
-def test_the_error_with_motors_that_lag_falls_with_the_order_of_the_integrator(
-    integrator: str, lag: np.ndarray
-) -> None:
-    scene = {'damping': np.full(6, 100.0)} if TABLEAUX[integrator].implicit else {}
-    right = lagging_reference(lag, **scene)
-    errors = []
+    # The closed form of the torque, and DOP853.
+    settings = {'q': START, 'rtol': 1e-13, 'atol': 1e-15, 'dense': False}
+    right = pfd.integrate(robot, torque, HOLD, scene=pfd.Scene(**kept), **settings)
+    assert right.status == 'ok'
+    errors, scene = [], pfd.Scene(motor_lag=lag, **kept)
     for substeps in (30, 120):
-        sim = lagging_puma(lag, integrator, substeps, **scene)
+        options = {'step_size': HOLD, 'substeps': substeps, 'integrator': integrator}
+        sim = pfd.Simulator(robot, scene, **options)
+        sim.reset(q=START)
         sim.step(COMMAND)
-        errors.append(np.abs(sim.q - right).max())
+        errors.append(np.abs(sim.q - right.q[-1]).max())
     assert errors[-1] < (1e-9 if integrator == 'rk4' else 3e-6)
     order = math.log2(errors[0] / errors[1]) / 2
     assert order == pytest.approx(TABLEAUX[integrator].order, abs=0.2)
@@ -348,34 +298,13 @@ def test_the_error_with_motors_that_lag_falls_with_the_order_of_the_integrator(
 def test_a_wheel_turns_as_the_closed_form_says(lag: float, h: float, most: float) -> None:
     # I dqd/dt = u (1 - exp(-t/T)) from rest; 1 rad/s^2 in the end. T = 0.2 ms is stable though
     # three times shorter than a step: as a separate equation it would need h < 2.78 T.
-    sim = pfd.Simulator(
-        pfd.load_robot(WHEEL), pfd.Scene(gravity=None, motor_lag=[lag]), step_size=h, substeps=1
-    )
+    scene = pfd.Scene(gravity=None, motor_lag=[lag])
+    sim = pfd.Simulator(pfd.load_robot(WHEEL), scene, step_size=h, substeps=1)
     run = sim.rollout(np.full((60, 1), INERTIA))
-    t = run.time
-    rise = -np.expm1(-t / lag)
+    t, rise = run.time, -np.expm1(-run.time / lag)
     np.testing.assert_allclose(sim.tau_motor, [INERTIA * rise[-1]], rtol=1e-12)
     np.testing.assert_allclose(run.qdd[:, 0], rise, rtol=1e-12)
     np.testing.assert_allclose(run.q[:, 0], t * t / 2 - lag * t + lag**2 * rise, atol=most)
-
-
-@pytest.mark.parametrize('lag', one_fast([1e-300, 1e-9, 1e-4, 1.0, 1e9]))
-def test_no_time_constant_makes_a_step_unstable(lag: float) -> None:
-    sim = lagging_puma(np.full(6, lag), 'rk4', 36)
-    sim.rollout([COMMAND, -COMMAND, COMMAND])
-    assert sim.status == 'ok'
-    assert np.abs(sim.qd).max() < 10
-
-
-@pytest.mark.parametrize('integrator', INTEGRATORS)
-def test_a_lag_of_zero_changes_neither_programs_nor_bits(integrator: str) -> None:
-    robot = pfd.load_robot('planar2')
-    states = []
-    for scene in (pfd.Scene(), pfd.Scene(motor_lag=[0.0, 0.0])):
-        sim = pfd.Simulator(robot, scene, integrator=integrator)
-        sim.step([1.0, -1.0])
-        states.append((sim.code_digest, sim.q.tobytes(), sim.qd.tobytes()))
-    assert states[0] == states[1]
 
 
 def test_an_arm_whose_motors_hold_it_from_the_start_does_not_fall() -> None:
@@ -390,11 +319,6 @@ def test_an_arm_whose_motors_hold_it_from_the_start_does_not_fall() -> None:
     assert np.abs(many.rollout(np.tile(hold, (50, 1))).q[:, -1] - starts).max() > 1e-3
     with pytest.raises(ValueError, match='tau_motor was given, but the scene has no motor_lag'):
         pfd.Simulator(robot).reset(tau_motor=hold)
-
-
-def test_a_scene_without_lag_has_no_torques_of_motors() -> None:
-    with pytest.raises(ValueError, match='tau_motor needs a scene with motor_lag'):
-        _ = pfd.Simulator(pfd.load_robot(WHEEL)).tau_motor
 
 
 ROBOT = pfd.load_robot('planar2')
@@ -422,26 +346,6 @@ def test_without_limits_the_steps_equal_those_of_a_simulator(scene: pfd.Scene) -
     assert out[:, 2].tobytes() == rows.tobytes()
     assert motor.accelerations(state).tobytes() == plain.qdd.tobytes()
     assert not counters.counts.any()
-
-
-def test_one_call_has_the_bits_of_single_steps_in_a_copied_state() -> None:
-    motor = pfd.MotorSimulator(ROBOT, pfd.Scene(motor_lag=(0.02, 0.0)))
-    state, counters = motor.new_state((0.3, -0.2)), pfd.MotorState(np.zeros(2))
-    rows, out = efforts(60), np.empty((60, 3, 2))
-    motor.bind(state, counters, LIMITS).run(rows[:20], out[:20])
-    twin, same = deepcopy((state, counters))
-    motor.bind(state, counters, LIMITS).run(rows[20:], out[20:])
-    single = motor.bind(twin, same, LIMITS)
-    for k in range(20, 60):
-        row = np.empty((1, 3, 2))
-        assert single.run(rows[k : k + 1], row) == 1
-        assert row[0].tobytes() == out[k].tobytes()
-    for name, array in state.arrays.items():
-        assert array.tobytes() == twin.arrays[name].tobytes()
-    assert (same.counts.tolist(), same.peaks.tolist()) == (
-        counters.counts.tolist(),
-        counters.peaks.tolist(),
-    )
 
 
 def test_a_state_continues_in_another_scene_with_all_digits_of_its_positions() -> None:
@@ -472,7 +376,7 @@ def test_arrays_of_another_shape_or_order_are_refused() -> None:
         motor.bind(motor.new_state(), pfd.MotorState(np.zeros(2)), np.zeros((3, 2)))
 
 
-def test_a_run_ends_before_the_step_whose_effort_jumps() -> None:
+def test_a_run_ends_before_the_step_whose_effort_jumps_and_has_its_own_status() -> None:
     motor = pfd.MotorSimulator(ROBOT)
     counters, state = pfd.MotorState(np.zeros(2)), motor.new_state()
     limits = np.array([INF, INF, INF, INF, ZEROS, ZEROS, (5.0, 5.0)])
@@ -487,16 +391,6 @@ def test_a_run_ends_before_the_step_whose_effort_jumps() -> None:
     counters.before[:] = np.nan
     assert bound.run(rows[20:], out[20:]) == 10
     assert not counters.jumped
-
-
-def test_a_run_that_overflows_after_one_that_ended_at_a_jump_has_its_status() -> None:
-    motor = pfd.MotorSimulator(ROBOT)
-    counters, state = pfd.MotorState(np.zeros(2)), motor.new_state()
-    limits = np.array([INF, INF, INF, INF, ZEROS, ZEROS, (5.0, 5.0)])
-    out = np.zeros((2, 3, 2))
-    bound = motor.bind(state, counters, limits)
-    assert bound.run(np.array([(0.0, 0.0), (9.0, 0.0)]), out) == 1
-    assert counters.jumped
     counters.before[:] = np.nan
     assert bound.run(np.array([(1e300, 0.0)]), out[:1]) == 0
     assert (counters.jumped, state.status) == (False, 'not_finite')
@@ -518,3 +412,262 @@ def test_a_braked_joint_neither_ends_a_run_nor_keeps_an_effort_for_the_next_cycl
     rows = np.array([(100.0, 2.0), (106.0, 2.0)])
     assert motor.bind(state, counters, limits).run(rows, out[:2]) == 1
     assert counters.jumped
+
+
+# The same of a rod from 1 rad/s on, at any damping. Seen up to 4e-5, at h d / I = 4.
+COASTING = 6e-5
+
+
+@pytest.mark.parametrize('integrator', ['imex2', 'auto'])
+@pytest.mark.parametrize('damping', one_fast([1e-2, 1.0, 1e2, 3e3, 1e4, 1e6], 1e4))
+def test_a_damped_rod_coasts_as_in_its_closed_form(damping: float, integrator: str) -> None:
+    # Two rods of 0.5 m and 1 kg, in line: I = 2/3, qd = w0 exp(-d t / I).
+    scene = pfd.Scene(gravity=None, damping=np.full(2, damping), brakes=True)
+    sim = pfd.Simulator(
+        pfd.load_robot('planar2'), scene, step_size=1e-3, substeps=1, integrator=integrator
+    )
+    sim.reset(qd=[1.0, 0.0])
+    trajectory = sim.rollout(np.zeros((1000, 2)), brakes=[False, True])
+    rate = damping / (2 / 3)
+    expected = -np.expm1(-rate * trajectory.time) / rate
+    np.testing.assert_allclose(trajectory.q[:, 0], expected, rtol=0, atol=COASTING)
+    np.testing.assert_array_equal(trajectory.q[:, 1], 0.0)
+    # No ringing: a trapezoidal rule would keep the velocity and change its sign.
+    assert abs(trajectory.qd[-1, 0]) <= math.exp(-rate) + COASTING
+
+
+# Roundings of a few substeps, compared with the terms of a stage that are h lambda times as large.
+STEADY = 4.0
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize(('dtype', 'most'), [('float64', 9e13), ('float32', 1.6e6)])
+@pytest.mark.parametrize('inertia', [1e-12, 0.5])
+def test_damping_is_as_accurate_as_the_number_format_carries_and_refused_beyond(
+    inertia: float, dtype: str, most: float
+) -> None:
+    # A rod about its axis: I qdd = tau - d qd, tau / d in steady state.
+    J = f'{inertia} {inertia} {inertia} 0 0 0'
+    text = urdf(
+        'rod', link('base'), link('arm', 1.0, J=J), joint('axis', 'continuous', 'base', 'arm')
+    )
+    robot, h = pfd.load_robot(text), 1e-3
+
+    def sim(stiffness: float) -> pfd.Simulator:
+        scene = pfd.Scene(gravity=None, damping=[stiffness * inertia / h])
+        return pfd.Simulator(
+            robot, scene, step_size=h, substeps=1, integrator='imex2', dtype=dtype
+        )
+
+    for stiffness in (1e5, most / 10, most):
+        arm = sim(stiffness)
+        bound = STEADY * float(np.finfo(dtype).eps) / 2 * stiffness
+        for tau in np.linspace(0.3, 3.0, 20).astype(dtype):
+            arm.reset()
+            arm.rollout(np.full((4, 1), tau))
+            steady = float(tau) / (stiffness * inertia / h)
+            assert abs(float(arm.qd[0]) - steady) <= bound * steady
+    for stiffness in (1.2 * most, 1e24):
+        with pytest.raises(ValueError, match=r'damping of the scene decays .* keep the digits'):
+            sim(stiffness)
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize('integrator', ['auto', 'imex2'])
+@pytest.mark.parametrize('first', [1e-18, 1e-20])
+def test_damping_is_refused_where_the_inertia_matrix_has_no_factors(
+    first: float, integrator: str
+) -> None:
+    # H = [[m1 + m2, m2], [m2, m2]] of two slides on one axis: m1 + m2 = m2 in float64.
+    J = '1 1 1 0 0 0'
+    robot = pfd.load_robot(
+        urdf(
+            'slides',
+            *(link('base'), link('a', first, J=J), link('b', 1.0, J=J)),
+            joint('first', 'prismatic', 'base', 'a'),
+            joint('second', 'prismatic', 'a', 'b'),
+        )
+    )
+    scene = pfd.Scene(damping=[1.0, 1.0])
+    with pytest.raises(ValueError, match=r'inertia matrix .* positive definite .* rotors'):
+        pfd.Simulator(robot, scene, integrator=integrator)
+    assert pfd.Simulator(robot, scene, integrator='rk4').integrator == 'rk4'
+    with_rotors = pfd.Scene(damping=[1.0, 1.0], armature=[0.1, 0.1])
+    assert pfd.Simulator(robot, with_rotors, integrator=integrator).step([0.0, 0.0]) is None
+
+
+# ---- the integrator that 'auto' selects ------------------------------------------------------
+
+
+# Phase that RK4 loses in 500 steps of w h = 0.2, (w h)^5 / 120 each, times 0.01 m.
+PHASE_OF_RK4 = 500 * 0.2**5 / 120 * 0.01 * 1.1
+
+
+@pytest.mark.parametrize('kind', one_fast(['Simulator', 'Ensemble']))
+def test_a_wheel_is_stiff_from_a_damping_of_its_inertia_over_the_step(kind: str) -> None:
+    make = {'Simulator': pfd.Simulator, 'Ensemble': partial(pfd.Ensemble, size=2)}[kind]
+
+    def integrator(damping: float, **settings: float) -> str:
+        scene = pfd.Scene(damping=[damping])
+        found: str = make(load, scene=scene, **settings).integrator
+        return found
+
+    load = pfd.load_robot(WHEEL)
+    # By default two substeps of 0.5 ms each.
+    border = STIFF_DECAY * INERTIA / 0.5e-3
+    assert integrator(0.0) == integrator(0.99 * border) == 'rk4'
+    assert integrator(1.01 * border) == 'imex2'
+    assert integrator(1.01 * border, substeps=3) == 'rk4'
+    assert integrator(0.51 * border, step_size=2e-3) == 'imex2'
+    assert pfd.Simulator(load, pfd.Scene(damping=[1e9]), integrator='rk4').integrator == 'rk4'
+
+
+@pytest.mark.parametrize('name', one_fast(['planar2', 'puma560', 'ur5', 'panda'], 'ur5'))
+def test_the_fastest_decay_is_hardly_exceeded_in_other_poses(name: str) -> None:
+    robot = pfd.load_robot(name)
+    plant = resolve_plant(robot, pfd.Scene(damping=np.linspace(1.0, 2.0, robot.n)))
+    model, fastest = to_pinocchio(robot), 0.0
+    data = model.createData()
+    for q in np.random.default_rng(1).uniform(-np.pi, np.pi, (500, robot.n)):
+        rates = np.linalg.eigvals(pin.computeMinverse(model, data, q) @ np.diag(plant.damping))
+        fastest = max(fastest, rates.real.max())
+    assert fastest < 1.1 * fastest_decay(plant)
+    assert fastest > 0.9 * fastest_decay(plant)
+
+
+def test_a_joint_settles_into_the_period_of_its_cogging_and_swings_as_its_slope_says() -> None:
+    # I qdd = -a sin(k q + p), about q = (2 pi m - p) / k with w^2 = a k / I.
+    amplitude, periods, phase = 0.5, 8.0, 0.4
+    scene = pfd.Scene(gravity=None, cogging=[(amplitude, periods, phase)])
+    sim = pfd.Simulator(pfd.load_robot(WHEEL), scene)
+    rest, small = (2 * np.pi * 3 - phase) / periods, 1e-5
+    sim.reset([rest + small], [0.0])
+    run = sim.rollout(np.zeros((500, 1)))
+    frequency = np.sqrt(amplitude * periods / INERTIA)
+    wanted = small * np.cos(frequency * run.time)
+    assert np.abs(run.q[:, 0] - rest - wanted).max() < 1e-4 * small
+    stiff = pfd.Scene(gravity=None, cogging=[(4e3 * amplitude, periods, phase)])
+    with pytest.raises(ValueError, match=r'cogging of the scene swings at 80\d rad/s'):
+        pfd.Simulator(sim.robot, stiff)
+
+
+def test_springs_too_stiff_for_the_step_are_refused_with_the_substeps_that_they_need() -> None:
+    robot = slider(1, 0)  # 1 kg
+    scene = pfd.Scene(gravity=None, stiffness=[4e4])  # 200 rad/s
+    with pytest.raises(ValueError, match=r'swings at 200 rad/s.* 5 substeps are needed'):
+        pfd.Simulator(robot, scene, step_size=5e-3, substeps=4)
+    sim = pfd.Simulator(robot, scene, step_size=5e-3, substeps=5)
+    sim.reset([0.01], [0.0])
+    run = sim.rollout(np.zeros((100, 1)))
+    assert np.abs(run.q[:, 0] - 0.01 * np.cos(200 * run.time)).max() < PHASE_OF_RK4
+
+
+MU = 0.2
+ROUNDING = 1e-13
+
+
+def simulator(robot: pfd.Robot, scene: pfd.Scene, **settings: Any) -> pfd.Simulator:
+    return pfd.Simulator(robot, scene, **{'step_size': 1e-3, 'substeps': 1} | settings)
+
+
+@pytest.mark.parametrize('integrator', TABLEAUX)
+def test_friction_takes_its_share_of_a_torque_that_drives_and_adds_it_to_one_that_brakes(
+    integrator: str,
+) -> None:
+    u = 1.0 / INERTIA
+    sim = simulator(
+        pfd.load_robot(WHEEL), pfd.Scene(gravity=None, load_friction=[MU]), integrator=integrator
+    )
+    sim.reset([0.0], [1.0])
+    run = sim.rollout(np.repeat([[1.0], [-1.0]], 100, axis=0))
+    up, down, back = u * (1 - MU), u * (1 + MU), u * (1 - MU)
+    fast = 1 + 0.1 * up
+    top = 0.1 + up * 0.1**2 / 2 + fast**2 / (2 * down)
+    left = 0.1 - fast / down
+    assert left > 0
+    np.testing.assert_allclose(run.qd[99], [fast], rtol=ROUNDING)
+    np.testing.assert_allclose(run.qd[-1], [-back * left], rtol=1e-11)
+    np.testing.assert_allclose(run.q[-1], [top - back * left**2 / 2], rtol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ('share', 'moves'),
+    [(0.999 / (1 + MU), -1), (1.001 / (1 + MU), 0), (0.999 / (1 - MU), 0), (1.001 / (1 - MU), 1)],
+)
+def test_a_motor_holds_a_weight_between_that_over_1_plus_mu_and_over_1_minus_mu(
+    share: float, moves: int
+) -> None:
+    weight = 9.81
+    sim = simulator(slider(0.0, 1.0), pfd.Scene(load_friction=[MU]))
+    run = sim.rollout(np.full((100, 1), share * weight))
+    # Friction is against the motion: towards the motor's torque, if the weight falls.
+    force = share * weight * (1 - moves * MU) - weight if moves else 0.0
+    np.testing.assert_allclose(run.q[-1], [force * 0.1**2 / 2], rtol=1e-9, atol=0.0)
+
+
+def test_a_weight_breaks_away_where_the_falling_torque_of_its_motor_lets_it() -> None:
+    # The weight sinks once tau (1 + mu) is below it.
+    rate, bound = 3.0, 9.81 / (1 + MU)
+
+    def torque(t: float, q: Array, qd: Array) -> Array:
+        return np.array([1.001 * bound - rate * t])
+
+    scene = pfd.Scene(load_friction=[MU])
+    motion = pfd.integrate(slider(0.0, 1.0), torque, 0.1, scene=scene, rtol=1e-12, atol=1e-14)
+    freed = 0.001 * bound / rate
+    np.testing.assert_allclose(motion.events, [freed], rtol=1e-9)
+    way = rate * (1 + MU) * (0.1 - freed) ** 3 / 6
+    np.testing.assert_allclose(motion.q[-1], [-way], rtol=1e-9)
+
+    # The torque of a motor with lag falls within a step, to 0.9 of that bound.
+    lag, end = 0.02, 0.9 * bound
+    sim = simulator(slider(0.0, 1.0), pfd.Scene(load_friction=[MU], motor_lag=[lag]))
+    sim.reset(tau_motor=[1.1 * bound])
+    run = sim.rollout(np.full((50, 1), end))
+    excess, t = bound - end, run.time - lag * np.log(2.0)
+    way = (1 + MU) * excess * (lag * t + lag**2 * np.expm1(-t / lag) - t**2 / 2)
+    np.testing.assert_allclose(run.q[:, 0], np.where(t > 0, way, 0.0), rtol=0, atol=1e-10)
+
+
+@pytest.mark.long
+def test_load_friction_behind_drives_with_stribeck_and_stops_keeps_the_fourth_order() -> None:
+    scene = pfd.Scene(
+        armature=[0.8, 4.0, 0.8],
+        friction=[3.0, 4.0, 1.5],
+        static_friction=[6.0, 9.0, 3.0],
+        stribeck_velocity=[0.3] * 3,
+        load_friction=[0.2, 0.15, 0.1],
+        joint_limits=[[-1.0, 1.0], [-0.6, 0.9], [-0.5, 1.5]],
+        restitution=0.4,
+        gravity_compensation=True,
+        effort_limits=[90.0] * 3,
+    )
+    robot = pfd.load_robot('puma560', locked={f'joint{k}': 0.3 for k in (4, 5, 6)})
+    signs = np.array([[1], [-1], [1], [-1]]) * np.array([1, -1, 1])
+    taus = np.random.default_rng(5).uniform(0.4, 1, (4, 3)) * [15, 35, 9] * signs
+    ends = []
+    for h in (2e-3, 1e-3, 5e-4, 1.25e-4):
+        sim = simulator(robot, scene, step_size=h, integrator='rk4')
+        sim.reset([0.0, 0.2, 0.3], [0.5, -0.5, 1.0])
+        ends.append(sim.rollout(np.repeat(taus, round(0.25 / h), axis=0)).q[-1])
+    errors = [np.abs(end - ends[-1]).max() for end in ends[:-1]]
+    assert errors[0] < 1e-8
+    assert np.log2(errors[0] / errors[-1]) / 2 > 3.5
+
+
+def test_accelerations_are_those_of_pinocchio_under_the_torque_that_friction_leaves() -> None:
+    robot, rng = pfd.load_robot('planar2'), np.random.default_rng(2)
+    mu, dry, most = rng.uniform(0.05, 0.3, 2), rng.uniform(0.1, 1.0, 2), np.full(2, 20.0)
+    rotors = np.full(2, 0.5)
+    scene = pfd.Scene(armature=rotors, friction=dry, load_friction=mu, effort_limits=most)
+    oracle = Oracle(robot, rotors)
+    sim = simulator(robot, scene, integrator='rk4')
+    for _ in range(20):
+        q, qd, tau = rng.uniform(-2, 2, 2), rng.normal(size=2), rng.uniform(-40, 40, 2)
+        sim.reset(q, qd)
+        sim.step(tau)
+        motor = np.clip(tau, -most, most)
+        left = motor - np.sign(sim.qd) * (dry + mu * np.abs(motor))
+        assert (sim.qd != 0.0).all()
+        wanted = oracle.qdd(sim.q, sim.qd, left)
+        np.testing.assert_allclose(sim.qdd, wanted, rtol=1e-9, atol=1e-9)

@@ -34,7 +34,7 @@ from pfd_core.model import Plant
 
 # Largest correction of a converged answer, as a share of the accelerations. Ordinary states of the
 # included arms need 1e-5 in single precision. With a payload of 1e6 kg, 0.005 accepts errors of up
-# to 1.6 % and 0.01 up to 28 % (1000 states each of three arms; test_iterative_methods.py).
+# to 1.6 % and 0.01 up to 28 % (1000 states each of three arms; test_methods.py).
 CORRECTION = 0.005
 
 

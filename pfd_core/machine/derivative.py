@@ -4,8 +4,7 @@
 Derivatives of a program, exact up to rounding: program -> program (algorithmic differentiation).
 
     derivative       Jacobians   d y/d x, of some outputs y with respect to some inputs x
-    directional      tangent:    d y = (d y/d x) d x        for given directions d x
-                     adjoint:    d x = (d y/d x)' d y       for given weights d y
+    directional      d y = (d y/d x) d x        for given directions d x
 
 The tangent mode carries derivatives from the inputs on, one for each element of the inputs; the
 adjoint mode carries them from the outputs back, one sweep for each element of the outputs. The
@@ -83,44 +82,29 @@ def derivative(
     return extension.extended(outputs)
 
 
-def directional(
-    program: Program, outputs: Sequence[str], inputs: Sequence[str], mode: str = 'tangent'
-) -> Program:
+def directional(program: Program, outputs: Sequence[str], inputs: Sequence[str]) -> Program:
     """
-    Return a sequential program with one derivative of outputs, or of a weighted sum of them.
+    Return a sequential program with the derivative of outputs in one direction.
 
-    In tangent mode each input x has a further input `d {x}`, and each output y a further output
-    `d {y}` = sum over x of (d y/d x) d x. In adjoint mode each y has a further input `d {y}` and
-    each x an output `d {x}`, (elements of x,), = sum over y of (d y/d x)' d y. ValueError as for
-    `derivative`, and if the program has one of the further names already.
+    Each input x has a further input `d {x}`, and each output y a further output
+    `d {y}` = sum over x of (d y/d x) d x. ValueError as for `derivative`, and if the program has
+    one of the further names already.
     """
-    _check(program, outputs, inputs, mode)
+    _check(program, outputs, inputs, MODES[0])
     taken = {f'd {name}' for name in (*inputs, *outputs)} & {*program.inputs, *outputs}
     if taken:
         raise ValueError(f'the program has {sorted(taken)} already: rename inputs and outputs')
     active, extension = _active(program, outputs, inputs), _Extension(program)
-    if mode == 'tangent':
-        seeds = {
-            r: {GIVEN: extension.further_input(f'd {x}', k, program.inputs[x])}
-            for r, (x, k) in _read(program)
-            if x in inputs
-        }
-        tangents = _tangents(extension, active, seeds)
-        for y in outputs:
-            shape, elements = program.outputs[y]
-            values = [tangents.get(r, {}).get(GIVEN, 0.0) for r, _ in elements]
-            extension.output(f'd {y}', shape, [(v, 0) for v in values])
-        return extension.extended(outputs)
-    weights: dict[int, Any] = {}
+    seeds = {
+        r: {GIVEN: extension.further_input(f'd {x}', k, program.inputs[x])}
+        for r, (x, k) in _read(program)
+        if x in inputs
+    }
+    tangents = _tangents(extension, active, seeds)
     for y in outputs:
-        elements = program.outputs[y].places
-        for k, (r, _) in enumerate(elements):
-            weights[r] = weights.get(r, 0.0) + extension.further_input(f'd {y}', k, len(elements))
-    adjoints = _adjoints(extension, active, weights)
-    for x in inputs:
-        size = program.inputs[x]
-        values = [(adjoints.get((x, k), 0.0), 0) for k in range(size)]
-        extension.output(f'd {x}', (size,), values)
+        shape, elements = program.outputs[y]
+        values = [tangents.get(r, {}).get(GIVEN, 0.0) for r, _ in elements]
+        extension.output(f'd {y}', shape, [(v, 0) for v in values])
     return extension.extended(outputs)
 
 

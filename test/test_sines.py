@@ -11,8 +11,6 @@ from typing import Any
 
 from bridge import (
     WRAP_LIMIT,
-    WRAP_TURNS,
-    WRAP_TWO_PI,
     Recorder,
     run_program,
     sincos,
@@ -254,12 +252,6 @@ def test_the_remainder_is_rounded_to_nearest_and_at_most_pi(
             error = abs(mpmath.mpf(value) - remainder(angle))
             assert error <= WRAP_ULPS * mpmath.mpf(float(np.spacing(abs(value)))), angle
             assert abs(value) <= np.pi
-
-
-def test_the_tables_hold_pi_to_their_last_bit() -> None:
-    with mpmath.workdps(DIGITS):
-        assert int(mpmath.floor(mpmath.ldexp(1 / (2 * mpmath.pi), 1280))) == WRAP_TURNS
-        assert int(mpmath.nint(mpmath.ldexp(2 * mpmath.pi, 125))) == WRAP_TWO_PI
 
 
 @pytest.mark.parametrize('x', [np.nan, np.inf, -np.inf])

@@ -84,13 +84,6 @@ def test_whole_turns_of_a_joint_change_no_bit_of_a_and_b() -> None:
         np.testing.assert_array_equal(found, wanted)
 
 
-def test_the_end_of_a_linearised_step_keeps_its_turns() -> None:
-    # In this scene the ends of both steps are compared within 1e-9.
-    scene = pfd.Scene(friction=[0.1, 0.1], static_friction=[0.1, 0.1])
-    sim = pfd.Simulator(pfd.load_robot('planar2'), scene, step_size=H)
-    assert sim.linearize(TURNED, [1.0, 2.0], [0.1, 0.2]).status.tolist() == ['moving'] * 2
-
-
 def differences(sim: pfd.Simulator, at: list[np.ndarray], **inputs: Any) -> np.ndarray:
     """Return A and B, side by side, by central differences of the simulation itself."""
     n = sim.robot.n
@@ -131,15 +124,6 @@ ROUGHLY = pfd.Scene(
     static_friction=[2.0, 50.0],
     joint_limits=[[-1.0, 1.0], [-2.0, 2.0]],
 )
-
-
-def test_a_spring_and_cogging_are_linearised_beyond_a_turn() -> None:
-    scene = pfd.Scene(stiffness=[3.0, 1.0], cogging=[(0.5, 2.5, 0.1), (0.2, 1.3, 0.0)])
-    sim = pfd.Simulator(pfd.load_robot('planar2'), scene, step_size=1e-2)
-    for q in ([10.0, 0.3], [-9.0, 25.0]):
-        at = [np.array(x) for x in (q, [0.4, -0.2], [0.1, 0.2])]
-        found = np.hstack(sim.linearize(*at))
-        np.testing.assert_allclose(found, differences(sim, at), rtol=0, atol=DIFFERENCES)
 
 
 ELBOW_STOPS = [[-np.inf, np.inf], [0.3, 2.0]]
@@ -206,37 +190,11 @@ def test_columns_of_a_held_joint_are_the_derivatives_of_the_step(case: str) -> N
             assert (apart <= ONE_SIDED) == (sign in signs), (column, sign, slope)
 
 
-@pytest.mark.slow
-def test_a_velocity_that_frees_another_joint_for_a_moment_is_linearised() -> None:
-    robot = pfd.load_robot('puma560')
-    scene = pfd.Scene(friction='model', armature='model')
-    sim = pfd.Simulator(robot, scene, integrator='rk4')
-    q, rest = np.array([0.8, -0.2, 0.6, 0.8, -0.5, -0.9]), np.zeros(6)
-    # The first two are held by little less than their friction.
-    loads = [-24.92, 8.7, -9.25, 0.2, -0.8, 0.44]
-    tau = pfd.compile_kernel(robot, quantity='gravity_torques')(q) + loads
-    found = sim.linearize(q, rest, tau)
-    assert found.status.tolist() == ['held', 'held', 'one_sided', 'held', 'held', 'held']
-    wanted = differences(sim, [q, rest, tau])[:, 8]
-    np.testing.assert_allclose(found.A[:, 8], wanted, rtol=0, atol=DIFFERENCES)
-
-
 def test_a_and_b_of_a_step_with_too_many_events_are_nan() -> None:
     scene = pfd.Scene(joint_limits=[[0.0, 10.0]], restitution=1.0)
     sim = pfd.Simulator(slider(0.0, 1.0), scene, step_size=1.0, substeps=1, integrator='rk4')
     # A ball that bounces for ever, to this height.
     assert np.isnan(np.hstack(sim.linearize([1e-10], [0.0], [0.0]))).all()
-
-
-def test_open_brakes_change_no_derivative_and_a_braked_joint_is_held() -> None:
-    sim = pfd.Simulator(pfd.load_robot('planar2'), pfd.Scene(brakes=True))
-    at = state(2)
-    opened, without = (sim.linearize(*at, brakes=b) for b in ([False, False], None))
-    for one, other in zip(opened, without, strict=True):
-        np.testing.assert_array_equal(one, other)
-    assert opened.status.tolist() == ['moving', 'moving']
-    at[1][1] = 0.0  # a brake that closes in motion is an impact
-    assert sim.linearize(*at, brakes=[False, True]).status.tolist() == ['moving', 'held']
 
 
 def test_a_brake_hands_the_momentum_of_its_joint_to_one_that_friction_holds() -> None:
@@ -274,37 +232,6 @@ def test_an_event_in_the_step_is_a_status_of_its_joint(case: str) -> None:
     each = many.linearize(*rows)
     np.testing.assert_array_equal(each.A[1], found.A)
     assert each.status.tolist() == [['moving'] * 2, [status, 'moving'], ['moving'] * 2]
-
-
-@pytest.mark.parametrize(('stops', 'torque'), [((0.3, 2.0), -40.0), ((-2.0, -0.1), 40.0)])
-def test_a_joint_that_rests_on_its_stop_is_held_in_float32(
-    stops: tuple[float, float], torque: float
-) -> None:
-    scene = pfd.Scene(joint_limits=[[-np.inf, np.inf], stops])
-    sim = pfd.Simulator(pfd.load_robot('planar2'), scene, dtype='float32')
-    sim.reset([0.1, 0.3 if torque < 0 else -0.1])
-    sim.step([0.0, torque])
-    assert sim.qd[1] == 0
-    A, B = sim.linearize(sim.q, sim.qd, [0.0, torque])
-    assert not A[[1, 3]][:, [0, 2, 3]].any()
-    assert not B[:, 1].any()
-
-
-def test_a_joint_comes_back_freely_from_beyond_its_stop_and_goes_no_further() -> None:
-    robot = pfd.load_robot('planar2')
-    sim = pfd.Simulator(robot, pfd.Scene(joint_limits=[[-1.0, 1.0], [-2.0, 0.5]]))
-    at = state(2, 3)
-    at[0][1], at[1][1] = 0.6, -0.4
-    wanted = differences(sim, at)
-    found = np.hstack(sim.linearize(*at))
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=DIFFERENCES * np.abs(wanted).max())
-    at[1][1] = 0.4
-    further = sim.linearize(*at)
-    assert further.status.tolist() == ['moving', 'event']
-    wanted = differences(sim, at)
-    np.testing.assert_allclose(
-        np.hstack(further), wanted, rtol=0, atol=DIFFERENCES * np.abs(wanted).max()
-    )
 
 
 def test_derivatives_that_do_not_fit_the_stack_are_refused() -> None:

@@ -10,13 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 from sampling import one_fast
-from zoo import random_chain, random_state, slider, without_mass
+from zoo import random_chain, random_state, without_mass
 
 import pfd_core as pfd
 
 STEPS = 7
-# Roundings of 2000 sums.
-SUMMED = 1e-12
 
 
 def sequences(n: int, size: int, dtype: str = 'float64') -> tuple[np.ndarray, ...]:
@@ -122,50 +120,6 @@ def test_a_matrix_of_gains_acts_on_the_whole_state(shape: str, dtype: str) -> No
                 tau += every[b, t, :, j] * e
             one.step(tau)
             np.testing.assert_array_equal(runs.q[b, t], one.q)
-
-
-@pytest.mark.parametrize(
-    'scene',
-    [
-        pfd.Scene(),
-        pfd.Scene(
-            friction=[0.3, 0.2],
-            joint_limits=[[-1, 1], [-1, 1]],
-            motor_lag=[0.02, 0.0],
-            external_wrench=True,
-            brakes=True,
-        ),
-    ],
-    ids=['smooth', 'rough'],
-)
-def test_one_arm_alone_moves_by_the_bits_of_an_arm_among_others(scene: pfd.Scene) -> None:
-    rng = np.random.default_rng(86)
-    robot = pfd.load_robot('planar2')
-    q, qd, taus = sequences(2, 3)
-    given = {'wrench': rng.uniform(-1, 1, 6)} if scene.external_wrench else {}
-    given |= {'brakes': [True, False]} if scene.brakes else {}
-    q = np.clip(q, -0.9, 0.9)
-    alone, many = pfd.Ensemble(robot, 1, scene), pfd.Ensemble(robot, 3, scene)
-    for law in (None, pfd.StateFeedback(rng.uniform(-1, 1, (2, 4)), 0.2, 0.1)):
-        alone.reset(q[1:2], qd[1:2])
-        many.reset(q, qd)
-        one = alone.rollout(taus[1:2], feedback=law, **given)
-        all_three = many.rollout(taus, feedback=law, **given)
-        for name in ('q', 'qd', 'qdd'):
-            np.testing.assert_array_equal(getattr(one, name)[0], getattr(all_three, name)[1])
-
-
-def test_a_slide_of_unit_mass_whose_program_has_no_operations_is_simulated() -> None:
-    robot = slider(1, 0)
-    scene = pfd.Scene(gravity=None)
-    assert not sum(pfd.compile_kernel(robot, scene=scene).operations['compiled'].values())
-    taus = np.full((1000, 1), 3.0)
-    one = pfd.Simulator(robot, scene).rollout(taus)
-    many = pfd.Ensemble(robot, 4, scene).rollout(taus)
-    wanted = 1.5 * one.time[:, np.newaxis] ** 2
-    np.testing.assert_allclose(one.q, wanted, rtol=SUMMED, atol=0)
-    for b in range(4):
-        assert_same(many, b, one)
 
 
 def test_the_bits_do_not_depend_on_the_threads() -> None:
@@ -324,20 +278,6 @@ def test_each_arm_has_the_bits_of_a_simulator_with_its_numbers(
         np.testing.assert_array_equal(found[:, b], moved(one, q[b], qd[b], taus[b]))
 
 
-@pytest.mark.parametrize('dtype', one_fast(['float64', 'float32']))
-def test_laws_wrenches_and_threads_act_on_arms_that_differ(dtype: str) -> None:
-    robot = pfd.load_robot('planar2')
-    scene, damping = pfd.Scene(external_wrench=True), SCENE_NUMBERS['damping']
-    q, qd, taus = (x.astype(dtype) for x in motion(2))
-    law, wrench = pfd.Feedback(5.0, 1.0, 0.2), drawn(-1, 1, 6).astype(dtype)
-    many = pfd.Ensemble(robot, SIZE, scene, parameters={'damping': damping}, dtype=dtype)
-    found = moved(many, q, qd, taus, feedback=law, wrench=wrench, threads=2)
-    for b in SOME:
-        one = pfd.Ensemble(robot, 1, replace(scene, damping=damping[b]), dtype=dtype)
-        alone = moved(one, q[b : b + 1], qd[b], taus[b], feedback=law, wrench=wrench[b])
-        np.testing.assert_array_equal(found[:, b], alone[:, 0])
-
-
 def scaled(values: Array, low: float = 0.7, high: float = 1.4) -> Array:
     """Return numbers of arms, each link's and arm's scaled by another factor."""
     extra = (1,) * (values.ndim - 1)
@@ -389,32 +329,6 @@ def test_each_arm_moves_as_a_simulator_with_its_bodies(names: list[str], refine:
         wanted = moved(one, q[b], qd[b], taus[b])
         for row, right in zip(found[:, b], wanted, strict=True):
             np.testing.assert_allclose(row, right, rtol=0, atol=ROUNDING * np.abs(right).max())
-
-
-def test_the_gravity_of_each_arm_is_its_own() -> None:
-    # With as many joints as gravity has components.
-    robot, gravity = random_chain(np.random.default_rng(35), 3), drawn(-9.0, 9.0, 3)
-    many = pfd.Ensemble(robot, SIZE, parameters={'gravity': gravity})
-    q, qd, taus = motion(3)
-    found = moved(many, q, qd, taus)
-    for b in SOME:
-        wanted = moved(pfd.Simulator(robot, pfd.Scene(gravity=gravity[b])), q[b], qd[b], taus[b])
-        for row, right in zip(found[:, b], wanted, strict=True):
-            np.testing.assert_allclose(row, right, rtol=0, atol=ROUNDING * np.abs(right).max())
-
-
-def test_drives_compensate_the_gravity_of_the_model_that_all_arms_share() -> None:
-    q, qd, taus = motion(4)
-    given = {'links.mass': BODIES['links.mass'], 'payload.mass': BODIES['payload.mass']}
-    many = pfd.Ensemble(CHAIN, SIZE, pfd.Scene(gravity_compensation=True), parameters=given)
-    found = moved(many, q, qd, taus)[:, :, -1]
-    gravity = pfd.compile_kernel(CHAIN, quantity='gravity_torques')
-    for b in SOME:
-        robot, payload = arm_of(CHAIN, given, b)
-        end, speed, qdd = found[:, b]
-        tau, scene = taus[b, -1] + gravity(end), pfd.Scene(payload=payload)
-        wanted = pfd.forward_dynamics(robot, end, speed, tau, scene=scene)
-        np.testing.assert_allclose(qdd, wanted, rtol=0, atol=ROUNDING * np.abs(wanted).max())
 
 
 def test_256_arms_that_all_differ_need_one_compilation_and_other_values_none(

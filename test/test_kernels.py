@@ -1,0 +1,827 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Kernels: what a call takes, its bits in any batch and any number of threads, its memory."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+import copy
+from functools import cache
+import gc
+import inspect
+import os
+from pathlib import Path
+import pickle
+import re
+import subprocess
+import sys
+import threading
+import time
+from types import SimpleNamespace
+from typing import Any
+
+import bridge
+from bridge import ITERATIVE_METHODS, block_size, run_blocks, run_program, thread_count
+import numpy as np
+from oracle import assert_bits_of_the_emulator
+import pytest
+from sampling import one_fast
+from zoo import random_chain, random_states, without_mass
+
+import pfd_core as pfd
+
+DTYPES = ('float64', 'float32')
+
+
+@pytest.mark.parametrize('dtype', one_fast(DTYPES))
+def test_batches_of_all_lengths_and_layouts_give_the_bits_of_single_states(dtype: str) -> None:
+    rng = np.random.default_rng(62)
+    scene = pfd.Scene(external_wrench=True, brakes=True, damping='model', armature='model')
+    kernel = pfd.compile_kernel(random_chain(rng, 3), scene=scene, dtype=dtype)
+    assert_bits_of_the_emulator(kernel, rng)
+    size = 203
+    every = [rng.normal(size=(size, k)).astype(dtype) for k in (3, 3, 3, 6)]
+    alone = np.array([kernel(*row) for row in zip(*every, strict=True)])
+    for count in (1, 2, 7, 16, 17, 40, size - 6, size):
+        some = [np.asfortranarray(x[:count]) for x in every]
+        mixed = [some[0], *(np.ascontiguousarray(x) for x in some[1:])]
+        strided = [np.repeat(x[:count], 2, axis=0)[::2] for x in every]
+        # Rows within wider ones.
+        inside = [np.pad(x[:count], ((0, 0), (1, 2)))[:, 1:-2] for x in every]
+        for given in (some, mixed, strided, inside):
+            np.testing.assert_array_equal(kernel(*given), alone[:count])
+            for first in range(1, 18):  # whatever the alignment of the result
+                order = 'FC'[first % 2]
+                out = np.full((count + 18, 5), np.nan, dtype, order=order)
+                kernel(*given, out=out[first : first + count, 1:-1])
+                np.testing.assert_array_equal(out[first : first + count, 1:-1], alone[:count])
+                out[first : first + count, 1:-1] = np.nan
+                assert np.isnan(out).all()
+    np.testing.assert_array_equal(kernel(*(x[::-1] for x in every)), alone[::-1])
+
+
+@pytest.mark.parametrize('order', ['F', 'C'])
+@pytest.mark.parametrize('wrong', [np.nan, np.inf])
+def test_one_number_of_a_batch_that_is_not_finite_is_found_wherever_it_is(
+    wrong: float, order: str
+) -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
+    arrays = [np.array(x, order=order) for x in random_states(2, 19, 'float64')]  # type: ignore[call-overload]
+    for name, array in zip(('q', 'qd', 'tau'), arrays, strict=True):
+        for place in np.ndindex(array.shape):
+            kept, array[place] = array[place], wrong
+            # Next to a zero, whose product with infinity is no infinity.
+            neighbour = place[0], 1 - place[1]
+            beside, array[neighbour] = array[neighbour], 0.0
+            with pytest.raises(ValueError, match=rf'^{name} must be finite, got {wrong} at'):
+                kernel(*arrays)
+            array[place], array[neighbour] = kept, beside
+
+
+def test_a_batch_comes_back_in_the_memory_order_of_its_positions() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
+    q, qd, tau = random_states(6, 20)
+    assert kernel(q, qd, tau).flags.c_contiguous
+    for threads in (1, 2):
+        # The second is converted first.
+        for torques in (np.asfortranarray(tau), tau.tolist()):
+            found = kernel(np.asfortranarray(q), np.asfortranarray(qd), torques, threads=threads)
+            assert found.flags.f_contiguous
+            np.testing.assert_array_equal(found, kernel(q, qd, tau))
+
+
+def test_the_result_may_overlap_an_input() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
+    q, qd, tau = (x[0] for x in random_states(6, 1))
+    expected = kernel(q, qd, tau)
+    buffer = np.append(q, 0.0)
+    np.testing.assert_array_equal(kernel(buffer[:6], qd, tau, out=buffer[1:]), expected)
+
+
+@pytest.mark.parametrize('shape', [(2,), (10, 2)])
+def test_bound_arrays_are_read_and_written_in_place(shape: tuple[int, ...]) -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'), scene=pfd.Scene(brakes=True))
+    q, qd, tau = (x[0].copy() if shape == (2,) else x for x in random_states(2, 10))
+    out, brakes = np.empty(shape), np.zeros(shape, bool)
+    step = kernel.bind(q, qd, tau, out, brakes=brakes)
+    q += 0.25
+    step()
+    np.testing.assert_array_equal(out, kernel(q, qd, tau))
+    brakes[...] = True
+    np.testing.assert_array_equal(step(), 0.0)
+
+
+@pytest.mark.parametrize('shape', [(6,), (10, 6)])
+@pytest.mark.parametrize('wrong', [np.nan, np.inf])
+def test_a_bound_array_is_refused_once_it_is_not_finite(
+    shape: tuple[int, ...], wrong: float
+) -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
+    q, qd, tau = (x[0].copy() if shape == (6,) else x for x in random_states(6, 10))
+    out = np.empty(shape)
+    step = kernel.bind(q, qd, tau, out)
+    before, tau[..., 3] = out.copy(), wrong
+    for _ in range(3):
+        with pytest.raises(ValueError, match=r'tau must be finite'):
+            step()
+    if shape == (6,):
+        np.testing.assert_array_equal(out, before)
+    tau[..., 3] = 0.5
+    assert step() is out
+    np.testing.assert_array_equal(out, kernel(q, qd, tau))
+
+
+def test_a_bound_function_works_after_its_kernel_is_deleted() -> None:
+    q, qd, tau = (x[0] for x in random_states(2, 1))
+    out = np.empty(2)
+    robot = pfd.load_robot('planar2')
+    step = pfd.compile_kernel(robot).bind(q, qd, tau, out)
+    gc.collect()
+    for _ in range(1000):
+        step()
+    np.testing.assert_array_equal(out, pfd.compile_kernel(robot)(q, qd, tau))
+
+
+def test_calls_leave_no_references_behind() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
+    q, qd, tau = (x[0] for x in random_states(2, 1))
+    out = np.empty(2)
+
+    class Marked(np.ndarray):
+        pass
+
+    marked = out.view(Marked)
+    for target in (out, marked):
+        kernel(q, qd, tau, out=target)  # compiles the code of a batch for other arrays
+        gc.collect()
+        before = len(gc.get_objects())
+        for _ in range(1000):
+            kernel(q, qd, tau, out=target)
+        gc.collect()
+        assert len(gc.get_objects()) < before + 100
+
+
+def test_a_batch_releases_the_global_interpreter_lock() -> None:
+    # While one thread is inside a long batch, this thread continues to count.
+    kernel = pfd.compile_kernel(pfd.load_robot('puma560'))
+    arrays = [np.tile(x, (20_000, 1)) for x in random_states(6, 10)]
+    kernel(*[x[:10] for x in arrays])
+
+    def turns() -> int:
+        """Return how far this thread counts during a batch, 1000 at most."""
+        done = threading.Event()
+        thread = threading.Thread(target=lambda: (kernel(*arrays), done.set()))
+        thread.start()
+        count = 0
+        while count < 1000 and not done.is_set():
+            count += 1
+        thread.join()
+        return count
+
+    # Threads that hold the lock do not switch in that time. On a busy machine this thread may not
+    # run during a batch, which takes some milliseconds.
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(100.0)
+    try:
+        assert any(turns() == 1000 for _ in range(300))
+    finally:
+        sys.setswitchinterval(interval)
+
+
+def test_plain_functions_take_any_number_of_leading_axes() -> None:
+    robot = pfd.load_robot('ur5')
+    q, qd, tau = random_states(6, 12)
+    expected = pfd.forward_dynamics(robot, q, qd, tau)
+    folded = [x.reshape(2, 3, 2, 6) for x in (q, qd, tau)]
+    np.testing.assert_array_equal(
+        pfd.forward_dynamics(robot, *folded), expected.reshape(2, 3, 2, 6)
+    )
+    listed = pfd.forward_dynamics(robot, *(x[0].tolist() for x in (q, qd, tau)))
+    np.testing.assert_array_equal(listed, expected[0])
+
+
+def test_a_kernel_has_its_method_operations_and_ir() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('puma560'))
+    assert kernel.method in pfd.METHODS
+    assert list(kernel.operations) == ['recorded', 'folded', 'compiled']
+    recorded, folded, compiled = kernel.operations.values()
+    assert recorded['div'] == recorded['sin'] == 6
+    # What the last two joints feel of a round hand is a constant.
+    assert folded['div'] == compiled['div'] == 4
+    assert sum(folded.values()) < 0.3 * sum(recorded.values())
+    assert 'fma' not in folded
+    assert 'sin' not in compiled
+    assert kernel.compile_seconds > 0
+    # Nothing that would let the compiler change a result.
+    for flag in ('fast', 'contract', 'reassoc', 'fmuladd'):
+        assert flag not in kernel.ir
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize('dtype', DTYPES)
+@pytest.mark.parametrize('method', ITERATIVE_METHODS)
+def test_an_iteration_that_does_not_converge_answers_nan(method: str, dtype: str) -> None:
+    # Without mass no direction has inertia, and with torque there is no answer.
+    massless = without_mass(pfd.load_robot('planar2'), range(2))
+    rest = np.zeros(2)
+    # A kernel without brakes is refused.
+    brakes = pfd.Scene(brakes=True)
+    kernel = pfd.compile_kernel(massless, method=method, dtype=dtype, scene=brakes)
+    assert pfd.emulate(massless, rest, rest, [1.0, 2.0], method=method).status == 'not_converged'
+    assert np.isnan(kernel(rest, rest, [1.0, 2.0])).all()
+    assert np.isnan(kernel(np.zeros((20, 2)), rest, [1.0, 2.0])).all()
+
+
+@pytest.mark.parametrize('quantity', ['forward_dynamics', 'inertia_matrix'])
+def test_a_kernel_can_be_pickled_and_copied(quantity: str) -> None:
+    scene = pfd.Scene(external_wrench=True, damping=[0.1, 0.2])
+    kernel = pfd.compile_kernel(
+        pfd.load_robot('planar2'), scene=scene, dtype='float32', quantity=quantity
+    )
+    arrays = (*random_states(2, 40, 'float32'), np.ones(6, 'float32'))
+    arrays = arrays[:1] if quantity == 'inertia_matrix' else arrays
+    for other in (pickle.loads(pickle.dumps(kernel)), copy.copy(kernel), copy.deepcopy(kernel)):
+        np.testing.assert_array_equal(other(*arrays), kernel(*arrays))
+        facts = [(k.quantity, k.method, k.scene) for k in (other, kernel)]
+        assert facts[0] == facts[1]
+
+
+def test_a_kernel_has_the_signature_of_its_call() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
+    names = ['q', 'qd', 'tau', 'wrench', 'out', 'brakes', 'payload', 'threads']
+    assert list(inspect.signature(kernel).parameters) == names
+    assert list(inspect.signature(kernel.__call__).parameters) == names
+
+
+EFFECTS = pfd.Scene(
+    damping=[0.1] * 6,
+    armature=[0.2] * 6,
+    external_wrench=True,
+    payload=pfd.Payload(1.0, (0.1, 0.0, 0.2)),
+)
+# Joint state of many arms.
+COUNT = 37
+
+
+def arguments(kernel: pfd.Kernel, count: int = COUNT) -> dict[str, np.ndarray]:
+    """Return random arguments of a kernel by name."""
+    rng = np.random.default_rng(3)
+    return {
+        name: rng.uniform(-2, 2, (count, size)).astype(kernel.dtype)
+        for name, size in kernel.program.inputs.items()
+    }
+
+
+def call(kernel: pfd.Kernel, given: dict[str, Any], **options: Any) -> np.ndarray:
+    """Call a kernel with arguments by name; the third of a state is `tau` in a call."""
+    named = {'tau' if name == 'qdd' else name: value for name, value in given.items()}
+    return kernel(**named, **options)
+
+
+@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+@pytest.mark.parametrize('quantity', pfd.QUANTITIES)
+@pytest.mark.slow
+def test_a_kernel_has_the_bits_of_the_emulator_alone_and_in_any_batch(
+    quantity: str, dtype: str
+) -> None:
+    kernel = pfd.compile_kernel(
+        pfd.load_robot('ur5'), scene=EFFECTS, quantity=quantity, dtype=dtype
+    )
+    shape = tuple(
+        {'n': 6, '3n': 18}.get(str(size), size) for size in pfd.QUANTITIES[quantity].shape
+    )
+    assert kernel.quantity == quantity
+    assert kernel.shape == shape
+    given = arguments(kernel)
+    (wanted,) = run_program(kernel.program, given, dtype=dtype).values()
+    wanted = wanted.reshape(COUNT, *shape)
+    for order in ('C', 'F'):
+        rows = {name: np.array(value, order=order) for name, value in given.items()}
+        np.testing.assert_array_equal(call(kernel, rows), wanted)
+        np.testing.assert_array_equal(call(kernel, rows, threads=2), wanted)
+        out = np.empty_like(wanted)
+        assert call(kernel, rows, out=out) is out
+        np.testing.assert_array_equal(out, wanted)
+    for k in (0, COUNT - 1):
+        one = {name: value[k] for name, value in given.items()}
+        np.testing.assert_array_equal(call(kernel, one), wanted[k])
+        out = np.empty(shape, dtype)
+        assert call(kernel, one, out=out) is out
+        np.testing.assert_array_equal(out, wanted[k])
+    lists = {name: value[0].tolist() for name, value in given.items()}
+    np.testing.assert_array_equal(call(kernel, lists), wanted[0])
+    stacked = {name: value[:36].reshape(4, 9, -1) for name, value in given.items()}
+    np.testing.assert_array_equal(call(kernel, stacked), wanted[:36].reshape(4, 9, *shape))
+
+
+def test_a_result_at_any_stride_is_written_in_place() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('ur5'), quantity='inertia_matrix')
+    q = arguments(kernel)['q']
+    wanted = kernel(q)
+    for out in (
+        np.empty((6, COUNT, 6)).transpose(1, 2, 0),
+        np.empty((COUNT, 6, 12))[:, :, ::2],
+        np.empty((36, COUNT)).T.reshape(COUNT, 6, 6),
+    ):
+        assert kernel(q, out=out) is out
+        np.testing.assert_array_equal(out, wanted)
+    assert kernel(np.asfortranarray(q)).strides[0] == 8
+
+
+def test_effects_that_a_quantity_does_not_have_are_left_out_of_its_scene() -> None:
+    robot = pfd.load_robot('ur5')
+    whole = pfd.Scene(damping=[0.1] * 6, brakes=True, friction=[1.0] * 6, armature=[0.2] * 6)
+    kernel = pfd.compile_kernel(robot, scene=whole, quantity='inertia_matrix')
+    assert kernel.scene == pfd.Scene(armature=[0.2] * 6)
+    bare = pfd.compile_kernel(robot, scene=pfd.Scene(), quantity='bias_torques')
+    braked = pfd.compile_kernel(robot, scene=pfd.Scene(brakes=True), quantity='bias_torques')
+    assert bare.operations == braked.operations
+    with pytest.raises(ValueError, match=r'friction.* over a step of time'):
+        pfd.compile_kernel(robot, scene=whole)
+
+
+@pytest.mark.parametrize('type', ['prismatic', 'revolute'])
+def test_an_argument_that_no_result_depends_on_is_still_taken(type: str) -> None:
+    robot = pfd.Robot(
+        'one', ('a',), (type,), np.eye(3)[np.newaxis], np.zeros((1, 3)), [2.0],
+        np.zeros((1, 3)), np.eye(3)[np.newaxis],
+    )  # fmt: skip
+    H = pfd.compile_kernel(robot, quantity='inertia_matrix')
+    assert H([0.3]).item() == (2.0 if type == 'prismatic' else 1.0)
+    np.testing.assert_array_equal(H(np.zeros((40, 1))), np.full((40, 1, 1), H([0.0]).item()))
+    with pytest.raises(ValueError, match='q must be finite'):
+        H([np.nan])
+
+
+STATES = 9
+SAME = 'k(q, qd, tau)'
+CALLS = {
+    # Taken as they are, and converted.
+    'k(q=q, qd=qd, tau=tau)': SAME,
+    'k(q, tau=tau, qd=qd)': SAME,
+    'k(q, qd, tau, None, None)': SAME,
+    'k(q, qd, tau, wrench=None, out=None, brakes=None, payload=None, threads=1)': SAME,
+    'k(q, qd, tau, out=out)': SAME,
+    'k(q, qd, tau, None, out)': SAME,
+    'k(q, qd, tau, threads=0)': SAME,
+    'k(q, qd, tau, threads=2)': SAME,
+    'k(q, qd, tau, threads=np.int64(1))': SAME,
+    'k(q.tolist(), qd, tau)': SAME,
+    'k(F(q), F(qd), F(tau))': SAME,
+    'k(F(q), qd, F(tau), out=F(out))': SAME,
+    'k(q, strided(qd), tau)': SAME,
+    'k(q, qd, backward(tau))': SAME,
+    'k(q, qd, tau, out=strided(out))': SAME,
+    'k(q, qd, unaligned(tau))': SAME,
+    'k(q.astype(">f8"), qd, tau)': SAME,
+    'k(q.astype(object), qd, tau)': SAME,
+    'k(frozen(q), qd, tau)': SAME,
+    'k(q, qd, tau, out=tau)': SAME,
+    'k(q, q, q)': 'k(q.copy(), q.copy(), q.copy())',
+    'k(q, qd, np.float32(tau))': 'k(q, qd, np.float64(np.float32(tau)))',
+    'k(q, np.zeros(6, int), tau)': 'k(q, 0 * qd, tau)',
+    'k(q, np.broadcast_to(0.5, q.shape), tau)': 'k(q, 0 * qd + 0.5, tau)',
+    'k(q, np.broadcast_to(qd.ravel()[:6], q.shape), tau)': 'k(q, 0 * qd + qd.ravel()[:6], tau)',
+    'k(q, qd.ravel()[:6], tau)': 'k(q, 0 * qd + qd.ravel()[:6], tau)',
+    'k(1e200 * q, 1e160 * qd, tau)': 'k(np.array(1e200 * q), 1e160 * qd, tau)',
+    'gravity(q)': 'gravity(q, None)',
+    'force(q, qd, tau, w)': 'force(q, qd, tau, wrench=w)',
+    'force(q, qd, tau, wrench=w[..., ::-1][..., ::-1])': 'force(q, qd, tau, w)',
+    'brake(q, qd, tau)': 'brake(q, qd, tau, brakes=np.zeros(6, bool))',
+    'torque(q, qd, tau)': 'free_torque(q, qd, tau)',
+    'hand(q, qd, tau)': 'hand(q, qd, tau, payload=None)',
+    'k(q, qd, tau, out=np.zeros(0))': 'ValueError out',
+    # An argument is missing, one too many, given twice or unknown.
+    'k()': 'TypeError q',
+    'k(q)': 'ValueError q',
+    'k(q, qd)': 'ValueError q',
+    'k(q, None, tau)': 'ValueError q',
+    'k(None, qd, tau)': 'ValueError q',
+    'k(q, tau=tau)': 'ValueError q',
+    'k(q, qd, tau, None, None, None)': 'TypeError',
+    'k(q, qd, tau, q=q)': 'TypeError q',
+    'k(q, qd, tau, tau=tau)': 'TypeError tau',
+    'k(q, qd, tau, None, out, out=out)': 'TypeError out',
+    'k(q, qd, tau, qdd=tau)': 'TypeError qdd',
+    'k(q, qd, tau, force=w)': 'TypeError force',
+    'k(q, qd, tau, w)': 'ValueError wrench',
+    'k(q, qd, tau, brakes=[False] * 6)': 'ValueError brakes',
+    'k(q, qd, tau, payload=pfd.Payload(1.0))': 'ValueError payload',
+    'gravity(q, qd)': 'ValueError q',
+    'gravity(q, None, tau)': 'ValueError q',
+    'gravity()': 'TypeError q',
+    'gravity(q, wrench=w)': 'ValueError wrench',
+    'gravity(q, brakes=[False] * 6)': 'ValueError brakes',
+    'gravity(q, out=np.zeros(4))': 'ValueError out',
+    'push(q)': 'ValueError wrench',
+    'torque(q, qd)': 'ValueError q',
+    # A wrench is never taken for a torque, although both have six elements here.
+    'k(q, qd, wrench=w)': 'ValueError q',
+    'force(q, qd, tau)': 'ValueError wrench',
+    'torque(q, qd, tau, brakes=[False] * 6)': 'ValueError brakes',
+    'hand(q, qd, tau, payload=1.0)': 'ValueError payload',
+    'hand(q, qd, tau, brakes=[False] * 6)': 'ValueError brakes',
+    # The numbers or the array are wrong.
+    'k(q[..., :5], qd, tau)': 'ValueError q',
+    'k(q, qd, np.ones(7))': 'ValueError tau',
+    'k(q, qd, 1.0)': 'ValueError tau',
+    'k(np.ones((4, 6)), np.ones((3, 6)), tau)': 'ValueError q',
+    'k(q, qd, "torque")': 'ValueError tau',
+    'k(q, qd + 1j, tau)': 'ValueError qd',
+    'k(q, qd, tau > 0)': 'ValueError tau',
+    'k(q, bad(qd, np.nan), tau)': 'ValueError qd',
+    'k(q, qd, bad(tau, np.inf))': 'ValueError tau',
+    'k(bad(q, -np.inf), qd, tau)': 'ValueError q',
+    'k(bad(q, np.nan).tolist(), qd, tau)': 'ValueError q',
+    'k(q, bad(qd, np.nan), bad(tau, np.inf))': 'ValueError qd',
+    'force(q, qd, tau, bad(w, np.nan))': 'ValueError wrench',
+    'force(q, qd, tau, w[..., :3])': 'ValueError wrench',
+    'brake(q, qd, tau, np.ones_like(q))': 'ValueError wrench',
+    'brake(q, qd, tau, brakes=np.ones_like(q))': 'ValueError brakes',
+    'brake(q, qd, tau, brakes=[False] * 5)': 'ValueError brakes',
+    'brake(q, qd, tau, brakes=0.5 * q)': 'ValueError brakes',
+    'brake(q, qd, tau, brakes=[0] * 6)': 'ValueError brakes',
+    'k(q, qd, tau, out=[0.0] * 6)': 'ValueError out',
+    'k(q, qd, tau, out=np.float32(out))': 'ValueError out',
+    'k(q, qd, tau, out=np.zeros(7))': 'ValueError out',
+    'k(q, qd, tau, out=np.zeros((2, 1, 6)))': 'ValueError out',
+    'k(q, qd, tau, out=frozen(out))': 'ValueError out',
+    'k(q, qd, tau, threads=-1)': 'ValueError threads',
+    'k(q, qd, tau, threads=1.5)': 'ValueError threads',
+    'k(q, qd, tau, threads=None)': 'ValueError threads',
+    'k(q, qd, tau, threads=False)': 'ValueError threads',
+    'k(q, qd, tau, threads="all")': 'ValueError threads',
+    # Bound arrays.
+    'k.bind(q, qd, tau, out)()': SAME,
+    'k.bind(q, qd, tau, strided(out))()': SAME,
+    'k.bind(q.tolist(), qd, tau, out)': 'ValueError q',
+    'k.bind(q, qd, tau)': 'ValueError out',
+    'k.bind(q, qd, np.float32(tau), out)': 'ValueError tau',
+    'k.bind(q, bad(qd, np.nan), tau, out)': 'ValueError qd',
+    'k.bind(q, qd, tau, out, w)': 'ValueError wrench',
+    'k.bind(q, qd, out=out, wrench=w)': 'ValueError q',
+    'k.bind(q, qd, tau, out, threads=None)': 'ValueError threads',
+    'k.bind(q, qd, tau, out, q=q)': 'TypeError q',
+}
+
+
+@cache
+def kernels() -> dict[str, pfd.Kernel]:
+    robot = pfd.load_robot('ur5')
+    scenes = {
+        'k': pfd.Scene(),
+        'force': pfd.Scene(external_wrench=True),
+        'brake': pfd.Scene(brakes=True),
+        'hand': pfd.Scene(payload='input'),
+    }
+    found = {name: pfd.compile_kernel(robot, scene=scene) for name, scene in scenes.items()}
+    # Of inverse dynamics brakes have no effect.
+    for name, scene in (('torque', scenes['brake']), ('free_torque', scenes['k'])):
+        found[name] = pfd.compile_kernel(robot, scene=scene, quantity='inverse_dynamics')
+    for name, quantity in (('gravity', 'gravity_torques'), ('push', 'wrench_torques')):
+        found[name] = pfd.compile_kernel(robot, quantity=quantity)
+    return found
+
+
+def frozen(x: np.ndarray) -> np.ndarray:
+    copy = x.copy()
+    copy.flags.writeable = False
+    return copy
+
+
+def bad(x: np.ndarray, value: float) -> np.ndarray:
+    copy = x.copy()
+    copy[..., 2] = value
+    return copy
+
+
+def unaligned(x: np.ndarray) -> np.ndarray:
+    memory = np.zeros(x.nbytes + 1, np.uint8)[1:]
+    copy = memory.view(x.dtype).reshape(x.shape)
+    copy[...] = x
+    return copy
+
+
+def strided(x: np.ndarray) -> np.ndarray:
+    copy = np.zeros((*x.shape[:-1], 2 * x.shape[-1]))[..., ::2]
+    copy[...] = x
+    return copy
+
+
+def scope(batch: bool) -> dict[str, Any]:
+    """Return fresh arrays of one state or of a batch, the kernels, and what makes arrays."""
+    q, qd, tau = (x if batch else x[0].copy() for x in random_states(6, STATES))
+    return {
+        **kernels(),
+        'q': q,
+        'qd': qd,
+        'tau': tau,
+        'w': q[..., ::-1].copy(),
+        'out': np.zeros_like(q),
+        'F': lambda x: np.array(x, order='F'),
+        'backward': lambda x: x[..., ::-1].copy()[..., ::-1],
+        'np': np,
+        'pfd': pfd,
+        **{f.__name__: f for f in (frozen, bad, unaligned, strided)},
+    }
+
+
+def outcome(call: str, batch: bool) -> Any:
+    """Return the result of a call, or the kind of its error and the first argument it names."""
+    try:
+        return eval(call, scope(batch))
+    except (TypeError, ValueError) as error:
+        names = r'\b(qdd|qd|q|tau|wrench|out|brakes|payload|threads|force)\b'
+        named = re.search(names, str(error).replace('()', ''))
+        return ' '.join([type(error).__name__, *([named[0]] if named else [])])
+
+
+@pytest.mark.parametrize('batch', [False, True])
+@pytest.mark.parametrize('call', CALLS)
+def test_a_call_is_computed_or_refused_with_the_argument_named(call: str, batch: bool) -> None:
+    found, wanted = outcome(call, batch), CALLS[call]
+    if isinstance(found, str):
+        assert found == wanted
+        return
+    same = outcome(wanted, batch)
+    assert isinstance(same, np.ndarray), f'computed, not {wanted}'
+    np.testing.assert_array_equal(found, same)
+    assert np.isfinite(found).all() == ('1e200' not in call) or np.isnan(same).any()
+
+
+@pytest.mark.parametrize('value', [np.nan, np.inf])
+def test_one_state_that_is_refused_leaves_the_result_as_it_was(value: float) -> None:
+    own = SimpleNamespace(**scope(False))
+    with pytest.raises(ValueError, match='qd must be finite'):
+        own.k(own.q, bad(own.qd, value), own.tau, out=own.out)
+    assert not own.out.any()
+
+
+@pytest.mark.parametrize('shape', [(0, 6), (0, 3, 6)])
+def test_a_batch_without_states_has_a_result_without_states(shape: tuple[int, ...]) -> None:
+    empty, out = np.zeros(shape), np.zeros(shape)
+    kernel = kernels()['k']
+    assert kernel(empty, empty, empty).shape == shape
+    assert kernel(empty, empty, empty, out=out) is out
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        ({'method': 'euler'}, "method must be 'auto' or one of .* got 'euler'"),
+        ({'refine': -1}, 'refine must be an integer of at least 0, got -1'),
+        ({'scene': pfd.Scene(damping=[1.0])}, 'damping .* 1 numbers, .* 2 joints'),
+        ({'quantity': 'tip_pose', 'frame': 'hand'}, "frame 'hand' is not carried by"),
+        (
+            {'scene': pfd.Scene(friction=[0, 0], static_friction=[1, 1])},
+            "'static_friction'.* act over a step of time",
+        ),
+        # A kernel of the simulator alone.
+        ({'quantity': 'step'}, "quantity must be one of .* got 'step'"),
+        ({'quantity': 'mass'}, "quantity must be one of .*'inertia_matrix'.* got 'mass'"),
+        ({'quantity': 'energy', 'refine': 1}, 'refine must be 0 for energy, .* got 1'),
+        (
+            {'quantity': 'energy', 'method': 'pcrbm'},
+            "method must be 'auto' or 'link_velocities' for energy, got 'pcrbm'",
+        ),
+        ({'quantity': 'energy', 'frame': 'tool0'}, "energy does not take a frame, got .*'tool0'"),
+        ({'frame': 'tool0'}, 'forward_dynamics does not take a frame'),
+        ({'quantity': 'energy', 'scene': {}}, 'scene must be a Scene or None'),
+    ],
+)
+def test_bad_options_are_named(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        pfd.compile_kernel(pfd.load_robot('planar2'), **options)
+
+
+def test_only_forward_dynamics_has_an_error_estimate() -> None:
+    robot = pfd.load_robot('planar2')
+    kernel = pfd.compile_kernel(robot, quantity='derivatives', refine=1)
+    with pytest.raises(ValueError, match='derivatives has no error estimate, only'):
+        kernel.error_estimate(*np.zeros((3, 2)))
+
+
+@pytest.fixture
+def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Blocks of single registers, so that a small batch is shared, and more threads than cores.
+    monkeypatch.setattr(*bridge.target('MIN_BLOCK_WORK'), 1)
+    monkeypatch.setattr(*bridge.target('SINGLE_THREAD_WORK'), 0)
+    monkeypatch.setattr(*bridge.target('cores'), lambda: 8)
+    monkeypatch.setattr(*bridge.target('thread_pool'), None)
+    bridge.new_thread_pool()
+
+
+in_small_blocks = pytest.mark.usefixtures('_small_blocks')
+
+
+@in_small_blocks
+@pytest.mark.parametrize('dtype', one_fast(['float64', 'float32']))
+@pytest.mark.parametrize('order', ['C', 'F'])
+def test_the_bits_depend_neither_on_the_threads_nor_on_the_size(dtype: str, order: str) -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('ur5'), dtype=dtype)
+    whole = kernel(*random_states(6, 1000, dtype))
+    for size in (0, 1, 7, 16, 17, 333, 1000):
+        arrays = [np.array(x[:size], order=order) for x in random_states(6, 1000, dtype)]
+        for count in (0, 1, 2, 3, 8):
+            np.testing.assert_array_equal(kernel(*arrays, threads=count), whole[:size])
+
+
+@in_small_blocks
+def test_every_argument_is_split_among_the_threads() -> None:
+    rng = np.random.default_rng(71)
+    scene = pfd.Scene(external_wrench=True, brakes=True)
+    kernel = pfd.compile_kernel(random_chain(rng, 3), scene=scene)
+    q, qd, tau = random_states(3, 200)
+    wrench, brakes = rng.normal(size=(200, 6)), rng.random((200, 3)) < 0.3
+    wanted = kernel(q, qd, tau, wrench, brakes=brakes)
+    found = kernel(q, qd, tau, wrench, brakes=brakes, threads=3)
+    np.testing.assert_array_equal(found, wanted)
+    # One row for all states has a stride of zero.
+    wanted = kernel(q, qd[0], tau, wrench[1], brakes=brakes[2])
+    found = kernel(q, qd[0], tau, wrench[1], brakes=brakes[2], threads=3)
+    np.testing.assert_array_equal(found, wanted)
+    out = np.empty((200, 3), order='F')
+    assert kernel(q[::-1], qd, tau, wrench, brakes=brakes, out=out, threads=2) is out
+    np.testing.assert_array_equal(out, kernel(q[::-1], qd, tau, wrench, brakes=brakes))
+
+
+@in_small_blocks
+def test_a_number_that_is_not_finite_is_found_in_any_block() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
+    for row in (0, 100, 199):
+        q, qd, tau = random_states(2, 200)
+        tau[row, 1] = np.inf
+        with pytest.raises(
+            ValueError, match=rf'tau must be finite, got inf at index \[{row}, 1\]'
+        ):
+            kernel(q, qd, tau, threads=2)
+
+
+@in_small_blocks
+def test_an_absurd_number_of_threads_is_cut_to_the_cores() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
+    arrays = random_states(2, 300)
+    np.testing.assert_array_equal(kernel(*arrays, threads=10**400), kernel(*arrays))
+    assert thread_count(np.int64(10**8)) == bridge.cores()
+
+
+@in_small_blocks
+def test_a_block_is_worth_a_worker_and_answers_a_signal_in_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(*bridge.target('MIN_BLOCK_WORK'), 500_000)
+    monkeypatch.setattr(*bridge.target('SINGLE_THREAD_WORK'), 1_000_000)
+    assert block_size(16_000, 8, 8, 500) == 16_000
+    assert block_size(17_000, 8, 8, 500) == 8000
+    assert block_size(1000, 8, 8, 50_000) == 128
+    for number in (1, 2):
+        assert block_size(10**9, number, 8, 500) == 8 * bridge.MAX_BLOCK_WORK // 500
+        assert block_size(10**9, number, 8, 10 * bridge.MAX_BLOCK_WORK) == 8
+
+
+@in_small_blocks
+def test_workers_have_ended_their_blocks_when_the_caller_is_stopped() -> None:
+    caller, working = threading.get_ident(), threading.Semaphore(0)
+    begun: list[int] = []
+    ended: list[int] = []
+
+    def work(first: int, size: int) -> int:
+        if threading.get_ident() == caller:
+            assert working.acquire(timeout=60)
+            raise KeyboardInterrupt
+        begun.append(first)
+        working.release()
+        time.sleep(0.01)
+        ended.append(first)
+        return 0
+
+    with pytest.raises(KeyboardInterrupt):
+        run_blocks(work, 1000, 1, 3)
+    assert 1 <= len(begun) < 1000
+    assert sorted(begun) == sorted(ended)
+
+
+@in_small_blocks
+@pytest.mark.parametrize('stage', ['ended', 'thread'])
+def test_the_caller_works_alone_where_no_worker_can_be_had(
+    stage: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if stage == 'ended':
+        bridge.thread_pool.shutdown()
+    else:
+
+        def refuse(self: threading.Thread) -> None:
+            raise RuntimeError("can't start new thread")
+
+        monkeypatch.setattr(threading.Thread, 'start', refuse)
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
+    arrays = random_states(2, 300)
+    np.testing.assert_array_equal(kernel(*arrays, threads=4), kernel(*arrays))
+
+
+@in_small_blocks
+def test_many_callers_share_the_workers() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
+    arrays = random_states(6, 3000)
+    expected = kernel(*arrays)
+    with ThreadPoolExecutor(4) as callers:
+        found = list(callers.map(lambda _: kernel(*arrays, threads=3), range(80)))
+    for out in found:
+        np.testing.assert_array_equal(out, expected)
+
+
+@in_small_blocks
+def test_a_kernel_may_be_deleted_as_soon_as_it_has_answered() -> None:
+    # Memory of code that is gone is unmapped.
+    robot = pfd.load_robot('planar2')
+    q, qd, tau = random_states(2, 40)
+    expected = pfd.compile_kernel(robot)(q, qd, tau)
+    for _ in range(50):
+        found = pfd.compile_kernel(robot)(q, qd, tau, threads=4)
+        np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize(
+    ('files', 'expected'),
+    [
+        ({}, 8),
+        ({'/proc/self/cgroup': '0::/', '/sys/fs/cgroup/cpu.max': 'max 100000'}, 8),
+        ({'/proc/self/cgroup': '0::/\n', '/sys/fs/cgroup/cpu.max': '150000 100000\n'}, 2),
+        ({'/proc/self/cgroup': '0::/', '/sys/fs/cgroup/cpu.max': '1000 100000'}, 1),
+        ({'/proc/self/cgroup': '0::/', '/sys/fs/cgroup/cpu.max': 'no number'}, 8),
+        ({'/proc/self/cgroup': '1:cpu:/\n0::/a/b\n', '/sys/fs/cgroup/a/cpu.max': '3 1'}, 3),
+        ({'/proc/self/cgroup': '0::/../out', '/sys/fs/cgroup/cpu.max': '400000 100000'}, 4),
+    ],
+)
+def test_the_smallest_quota_of_all_cgroups_and_the_affinity_bound_the_cores(
+    files: dict[str, str], expected: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read_text(path: Path) -> str:
+        try:
+            return files[os.path.normpath(path)]
+        except KeyError:
+            raise FileNotFoundError from None
+
+    monkeypatch.setattr(os, 'sched_getaffinity', lambda _: set(range(8)), raising=False)
+    monkeypatch.setattr(Path, 'read_text', read_text)
+    assert bridge.cores.__wrapped__() == expected
+
+
+# ---- memory ----
+
+
+# Compilations before memory is measured: caches of Python, NumPy and the allocator are full then.
+WARM_UP = 30
+# Growth of the resident memory for each compilation [B]: pages that the allocator has fragmented.
+# The pipeline of LLVM's passes alone takes 45 kB, and passes over a kernel four times as much.
+GROWTH = 15_000
+# Far longer than any of the processes takes [s].
+PATIENCE = 3000.0
+# The C library neither returns the end of the heap to the system nor takes it in small pieces:
+# else one piece of 660 kB, kept or not, decides.
+STEADY = {
+    'MALLOC_TRIM_THRESHOLD_': '4000000',
+    'MALLOC_TOP_PAD_': '1000000',
+    'MALLOC_MMAP_THRESHOLD_': '100000000',
+}
+SCRIPT = """
+import gc, os, sys
+import pfd_core as pfd
+
+def resident():
+    gc.collect()
+    with open('/proc/self/statm') as file:
+        return int(file.read().split()[1]) * os.sysconf('SC_PAGE_SIZE')
+
+def compiled(first, count):
+    for k in range(first, first + count):
+        pfd.compile_kernel(robot, scene=pfd.Scene(gravity=(0.0, 0.0, -9.0 - k)))
+        gc.collect()  # else the heap is as large as what happens to be uncollected
+
+robot = pfd.lock(pfd.load_robot('planar2'), {'elbow': 0.0})
+warm_up, count = map(int, sys.argv[1:])
+compiled(0, warm_up)
+before = resident()
+compiled(warm_up, count)
+print((resident() - before) / count)
+"""
+
+
+def growth(count: int) -> float:
+    """Return the memory [B] that a fresh process keeps for each of some compilations."""
+    found = subprocess.run(
+        [sys.executable, '-c', SCRIPT, str(WARM_UP), str(count)],
+        env=os.environ | STEADY | {'PFD_CACHE': '', 'PYTHONPATH': os.pathsep.join(sys.path)},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=PATIENCE,
+    )
+    return float(found.stdout)
+
+
+@pytest.mark.skipif(not Path('/proc/self/statm').exists(), reason='needs /proc')
+@pytest.mark.timeout(PATIENCE)
+@pytest.mark.parametrize('count', [25, pytest.param(1000, marks=pytest.mark.long)])
+def test_a_compilation_keeps_no_memory(count: int) -> None:
+    assert growth(count) <= GROWTH

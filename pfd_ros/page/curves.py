@@ -13,13 +13,7 @@ import zlib
 import numpy as np
 
 import pfd_core as pfd
-from pfd_ros.arm.events import (
-    ARRAY,
-    ENERGY,
-    NAMED,
-    PAYLOAD_IN_USE,
-    SET_STATE,
-)
+from pfd_ros.arm.events import ARRAY, ENERGY, NAMED, PAYLOAD_IN_USE, SET_STATE
 from pfd_ros.arm.plant import INPUT, scene_of
 from pfd_ros.arm.plant_settings import payload_from
 from pfd_ros.arm.settings import Settings
@@ -27,6 +21,7 @@ from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
 from pfd_ros.page.recorded import Array, Recorded
 from pfd_ros.recording.format import HeadKey
+from pfd_ros.recording.topic_arrays import TopicArrays
 from pfd_ros.text import cut, one_line
 
 # Numbers of an array and points of a curve that are drawn at most.
@@ -36,6 +31,8 @@ HELD = 0.1
 # Larger numbers are drawn there: float32 ends.
 LARGEST = 3e38
 ENERGIES = ('kinetic', 'potential', 'total')
+# The numbers of a payload in a message.
+PAYLOAD = ('m', 'com.x', 'com.y', 'com.z', 'ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,35 +51,18 @@ class Reference:
 
 
 class Plot(NamedTuple):
-    """Curves over one axis of time.
-
-    Attributes
-    ----------
-    title, source
-        What it is, with its unit, and the topic it comes from.
-    labels
-        Of the k curves; with `joints`, of joints, which a page selects and colours alike.
-    time, values
-        (N,) and (N, k).
-    bounds
-        Lower and upper limits (2, k), infinite without one.
-    breaks
-        Places of samples before which some are missing.
-    stepped
-        Whether a value acts until the next one.
-    references
-        What further columns of `values` are: a label, and 'reference', 'low' or 'high'.
-    """
+    """Curves over one axis of time."""
 
     title: str
-    source: str
+    source: str  # the topic
     labels: tuple[str, ...]
-    time: Array
-    values: Array
-    joints: bool = True
-    bounds: Array | None = None
-    breaks: Array = np.empty(0, int)
-    stepped: bool = False
+    time: Array  # (N,)
+    values: Array  # (N, k), a column for each label, then for each reference
+    joints: bool = True  # labels are joints, which a page selects and colours alike
+    bounds: Array | None = None  # limits (2, k), infinite without one
+    breaks: Array = np.empty(0, int)  # places of samples before which some are missing
+    stepped: bool = False  # a value acts until the next one
+    # A label, and 'reference', 'low' or 'high'.
     references: Sequence[tuple[str, str]] = ()
 
 
@@ -108,11 +88,10 @@ def plots_of(run: Recorded, references: Sequence[Reference] = ()) -> Iterator[Pl
     """Yield the plots of a log in the order of a page."""
     for item in JOINT_FIELDS:
         for joints in run.joints:
-            title = f'{item} [{run.unit(item, joints.names)}]'
-            bounds, values = joints.bounds.get(item), joints.values[item]
+            title, values = f'{item} [{run.unit(item, joints.names)}]', joints.values[item]
+            plot = Plot(title, run.topic, joints.names, joints.time, values, breaks=joints.gaps)
+            plot = plot._replace(bounds=joints.bounds[item])
             if np.isfinite(values).any():
-                plot = Plot(title, run.topic, joints.names, joints.time, values, True, bounds)
-                plot = plot._replace(breaks=joints.gaps)
                 yield _with_references(plot, references) if item == 'position' else plot
     others = [plot for plot in (*_energy(run), *_of_topics(run)) if len(plot.time)]
     yield from sorted(others, key=lambda plot: not plot.title.startswith('commanded'))
@@ -132,17 +111,17 @@ def _with_references(plot: Plot, references: Sequence[Reference]) -> Plot:
 
 
 def _of_topics(run: Recorded) -> Iterator[Plot]:
-    roles, arm = run.log.roles, tuple(name for joints in run.joints for name in joints.names)
+    roles = run.log.roles
     for topic, found in run.of_type(JOINT_STATE):
         role = roles.get(topic, '')
         if topic == run.topic or role == SET_STATE:
             continue
         command = role == NAMED or 'command' in topic
-        what = 'commanded {} [{}]' if command else f'{topic.rpartition("/")[2]}: {{}} [{{}}]'
+        what = 'commanded ' if command else f'{topic.rpartition("/")[2]}: '
         for item in JOINT_FIELDS:
             values = getattr(found, item)
             if np.isfinite(values).any():
-                title = what.format(item, run.unit(item, found.names))
+                title = f'{what}{item} [{run.unit(item, found.names)}]'
                 yield Plot(title, topic, found.names, run.times(found), values, stepped=command)
     for topic, found in run.of_type(FLOAT_ARRAY):
         values, role = found.arrays['data'], roles.get(topic, '')
@@ -151,25 +130,24 @@ def _of_topics(run: Recorded) -> Iterator[Plot]:
             run.notes[one_line(f'{cut(topic)} has {width} numbers a message: not drawn')] = None
             continue
         title, command = topic.rpartition('/')[2], role == ARRAY or 'command' in topic
-        labels, joints = tuple(f'[{k}]' for k in range(width)), width == len(arm)
+        labels, joints = tuple(f'[{k}]' for k in range(width)), width == len(run.names)
         if role == ENERGY:
             values = np.column_stack([values[:, :2], values[:, :2].sum(axis=1)])
             title, labels, joints = 'energy [J]', ENERGIES, False
         elif command:
-            title = f'commanded effort [{run.unit("effort", arm)}]'
-        labels = arm if joints else labels
+            title = f'commanded effort [{run.unit("effort", run.names)}]'
+        labels = run.names if joints else labels
         yield Plot(title, topic, labels, run.times(found), values, joints, stepped=command)
 
 
 def _energy(run: Recorded) -> Iterator[Plot]:
     """Yield the energy of the recorded states, unless it is recorded or no robot is known."""
-    robot = run.robot
-    if robot is None or not run.joints or run.of_role(ENERGY) is not None:
+    robot, joints = run.robot, next(iter(run.joints), None)
+    if robot is None or joints is None or run.of_role(ENERGY) is not None:
         return
-    joints, scene = run.joints[0], pfd.Scene()
     if not set(robot.joint_names) <= set(joints.names):
         return
-    order = [joints.names.index(name) for name in robot.joint_names]
+    order, scene = [joints.names.index(name) for name in robot.joint_names], pfd.Scene()
     q, qd = (joints.values[item][:, order] for item in ('position', 'velocity'))
     good = np.isfinite(q).all(axis=1) & np.isfinite(qd).all(axis=1)
     values = np.full((len(q), 3), np.nan)
@@ -177,14 +155,16 @@ def _energy(run: Recorded) -> Iterator[Plot]:
         if run.settings:
             settings = Settings.from_json(run.log.head[HeadKey.SETTINGS])
             scene = scene_of(settings, np.argsort(order))
-        begins, payloads = _payloads(run)
-        if len(begins):
+        used = run.of_role(PAYLOAD_IN_USE)
+        if used is not None:
             scene = replace(scene, payload=INPUT)
         alone = replace(scene, brakes=False, external_wrench=False, gravity_compensation=False)
         kernel = pfd.compile_kernel(robot, scene=alone, quantity='energy')
+        # The payload of a state is that of the last message before it.
+        begins = np.empty(0) if used is None else run.times(used)
         places = np.searchsorted(begins, joints.time, side='right')
         for k in np.unique(places[good]):
-            given: dict[str, Any] = {'payload': payloads[k]} if len(begins) else {}
+            given: dict[str, Any] = {} if used is None else {'payload': _payload(used, k - 1)}
             rows = good & (places == k)
             values[rows, :2] = kernel(q[rows], qd[rows], **given)
     except (ValueError, RuntimeError) as error:
@@ -195,15 +175,9 @@ def _energy(run: Recorded) -> Iterator[Plot]:
     yield Plot('energy [J]', source, ENERGIES, joints.time, values, False, breaks=joints.gaps)
 
 
-def _payloads(run: Recorded) -> tuple[Array, list[pfd.Payload | None]]:
-    """Return when the payload of the arm changes [s], (k,), and the payloads (k + 1)."""
-    found = run.of_role(PAYLOAD_IN_USE)
-    if found is None:
-        return np.empty(0), [None]
-    paths = ('m', 'com.x', 'com.y', 'com.z', 'ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
-    rows = np.stack([found.arrays[f'inertia.{path}'] for path in paths], axis=1)
-    payloads = [payload_from(row) if row[0] > 0.0 else None for row in rows.tolist()]
-    return run.times(found), [None, *payloads]
+def _payload(found: TopicArrays, k: int) -> pfd.Payload | None:
+    row = [float(found.arrays[f'inertia.{path}'][k]) for path in PAYLOAD] if k >= 0 else [0.0]
+    return payload_from(row) if row[0] > 0.0 else None
 
 
 def _packed(array: Array, kind: str) -> str:

@@ -39,7 +39,6 @@ SILENCE = 0.1
 # What ends so long after the last state is behind the window of a log [s].
 LATE = 1.0
 TEXT_LENGTH = 200
-NOT_OURS = 'not a recording of pfd'
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,16 +57,18 @@ class Finding:
         return float(self.spans[0, 0])
 
 
-def _at(*times: float) -> Array:
-    return np.stack([times, times], axis=1)
+def _finding(kind: str, severity: str, text: object, *times: float) -> Finding:
+    """Return a finding of no joint, at single times."""
+    spans = np.stack([times, times], axis=1)
+    return Finding(kind, severity, '', one_line(text, TEXT_LENGTH), spans)
 
 
-def _grouped(rows: Iterable[tuple[T, float]]) -> dict[T, Array]:
-    """Return the spans of each of some things that happen at times, in their first order."""
+def _grouped(rows: Iterable[tuple[T, float]]) -> dict[T, list[float]]:
+    """Return the times of each of some things, in their first order."""
     groups: dict[T, list[float]] = {}
     for what, time in rows:
         groups.setdefault(what, []).append(time)
-    return {what: _at(*times) for what, times in groups.items()}
+    return groups
 
 
 def _spans(time: Array, holds: Array) -> Array:
@@ -82,9 +83,9 @@ def _limits(run: Recorded) -> Iterator[Finding]:
             values, unit = joints.values[item], run.unit(item, joints.names)
             out = np.isfinite(values) & ~((values > low) & (values < high))
             for j in np.flatnonzero(out.any(axis=0)):
-                k = int(np.argmax(out[:, j]))
-                bound = low[j] if values[k, j] <= low[j] else high[j]
-                text = f'{item} {values[k, j]:.4g} {unit}, at or beyond its limit {bound:.4g}'
+                first = values[int(np.argmax(out[:, j])), j]
+                bound = low[j] if first <= low[j] else high[j]
+                text = f'{item} {first:.4g} {unit}, at or beyond its limit {bound:.4g}'
                 # Motors saturate in good runs, too.
                 severity = WARNING if item == 'effort' else BAD
                 spans = _spans(joints.time, out[:, j])
@@ -94,8 +95,7 @@ def _limits(run: Recorded) -> Iterator[Finding]:
 def _without_limits(run: Recorded) -> str:
     if run.robot is None:
         return 'the log names no robot; --robot adds one'
-    names = {name for joints in run.joints for name in joints.names}
-    if names.isdisjoint(run.robot.joint_names):
+    if not set(run.names) & set(run.robot.joint_names):
         return f'no joint of the log is one of {cut(run.robot.name)}'
     bounds = [x for joints in run.joints for x in joints.bounds.values()]
     return '' if any(np.isfinite(x).any() for x in bounds) else 'the robot has none'
@@ -107,21 +107,20 @@ def _not_finite(run: Recorded) -> Iterator[Finding]:
             # Drivers leave out what they do not measure.
             wrong = ~np.isfinite(values) & ~np.isnan(values).all(axis=0)
             for j in np.flatnonzero(wrong.any(axis=0)):
-                first = values[int(np.argmax(wrong[:, j])), j]
+                text = f'{item} is {values[int(np.argmax(wrong[:, j])), j]}'
                 spans = _spans(joints.time, wrong[:, j])
-                yield Finding('not finite', BAD, joints.names[j], f'{item} is {first}', spans)
+                yield Finding('not finite', BAD, joints.names[j], text, spans)
 
 
 def _gaps(run: Recorded) -> Iterator[Finding]:
+    severity = NOTE if run.settings.get('drop_state') else WARNING
     for joints in run.joints:
-        if not len(joints.gaps):
-            continue
-        spans = np.stack([joints.time[joints.gaps - 1], joints.time[joints.gaps]], axis=1)
-        length, of = 1e3 * (spans[0, 1] - spans[0, 0]), 1e3 * joints.period
-        named = f' of {joints.names[0]}' if len(run.joints) > 1 else ''
-        dropped = run.settings.get('drop_state')
-        text = f'no state{named} on {run.topic} for {length:.4g} ms (period {of:.4g} ms)'
-        yield Finding('gap', NOTE if dropped else WARNING, '', one_line(text), spans)
+        if len(joints.gaps):
+            spans = np.stack([joints.time[joints.gaps - 1], joints.time[joints.gaps]], axis=1)
+            length, of = 1e3 * (spans[0, 1] - spans[0, 0]), 1e3 * joints.period
+            named = f' of {joints.names[0]}' if len(run.joints) > 1 else ''
+            text = f'no state{named} on {run.topic} for {length:.4g} ms (period {of:.4g} ms)'
+            yield Finding('gap', severity, '', one_line(text), spans)
 
 
 def _rejected(run: Recorded) -> Iterator[Finding]:
@@ -131,30 +130,30 @@ def _rejected(run: Recorded) -> Iterator[Finding]:
         return
     texts = [str(text).partition('\n')[::2] for text in found.data]
     details = dict(reversed(texts))
-    for kind, spans in _grouped(zip([x for x, _ in texts], run.times(found), strict=True)).items():
+    kinds = [kind for kind, _ in texts]
+    for kind, times in _grouped(zip(kinds, run.times(found), strict=True)).items():
         role, _, label = kind.partition(' ')
         reflex = run.settings.get('reflex_effort_rate') and details[kind] != INACTIVE.detail
         if label == 'refused' and role in COMMANDS and reflex:
             text = f'all joints braked: {details[kind]}; commands are refused until ~/reset'
-            yield Finding('reflex', BAD, '', one_line(text, TEXT_LENGTH), spans)
+            yield _finding('reflex', BAD, text, *times)
         else:
-            text = one_line(f'{role} {label}: {details[kind]}', TEXT_LENGTH)
-            yield Finding('rejected input', BAD, '', text, spans)
+            yield _finding('rejected input', BAD, f'{role} {label}: {details[kind]}', *times)
 
 
 def _commands(run: Recorded, *, accepted: bool) -> Array:
     """Return the times of commands [s], sorted: of all, or of those that were accepted."""
-    rejected, found = run.of_role(REJECTED), [np.empty(0)]
-    refused: dict[str, list[int]] = {}
+    rejected, times = run.of_role(REJECTED), [np.empty(0)]
+    refused: dict[str, list[float]] = {}
     if accepted and rejected is not None and rejected.cycle is not None:
-        for text, cycle in zip(rejected.data, rejected.cycle.tolist(), strict=True):
-            refused.setdefault(str(text).partition(' ')[0], []).append(cycle)
+        roles = (str(text).partition(' ')[0] for text in rejected.data)
+        refused = _grouped(zip(roles, rejected.cycle, strict=True))
     for role in (NAMED, ARRAY):
-        commands = run.of_role(role)
-        if commands is not None:
-            cycles = np.zeros(len(commands)) if commands.cycle is None else commands.cycle
-            found.append(run.times(commands)[~np.isin(cycles, refused.get(role, []))])
-    return np.sort(np.concatenate(found))
+        found = run.of_role(role)
+        if found is not None:
+            cycles = np.zeros(len(found)) if found.cycle is None else found.cycle
+            times.append(run.times(found)[~np.isin(cycles, refused.get(role, []))])
+    return np.sort(np.concatenate(times))
 
 
 def _last_command(run: Recorded) -> float | None:
@@ -189,15 +188,13 @@ def _failure(run: Recorded) -> Iterator[Finding]:
     """Yield from the end record why the simulation stopped, and a reflex that refused nothing."""
     totals = _totals(run)
     start, step = (float(run.settings.get(x) or 0.0) for x in ('start_time', 'step_size'))
-    end = _at(start + step * float(totals.get('steps', 0)))
-    if end[0, 0] > run.span[1] + LATE:
+    end = start + step * float(totals.get('steps', 0))
+    if end > run.span[1] + LATE:
         return
     if totals.get('failure'):
-        text = f'the simulation stopped: {totals["failure"]}'
-        yield Finding('failure', BAD, '', one_line(text, TEXT_LENGTH), end)
+        yield _finding('failure', BAD, f'the simulation stopped: {totals["failure"]}', end)
     if totals.get('reflex') and all(x.kind != 'reflex' for x in _rejected(run)):
-        text = f'all joints braked at the end: {totals["reflex"]}'
-        yield Finding('reflex', BAD, '', one_line(text, TEXT_LENGTH), end)
+        yield _finding('reflex', BAD, f'all joints braked at the end: {totals["reflex"]}', end)
 
 
 def _diagnostics(run: Recorded) -> Iterator[Finding]:
@@ -206,10 +203,10 @@ def _diagnostics(run: Recorded) -> Iterator[Finding]:
         level, name, text = (found.arrays[f'status.{x}'] for x in ('level', 'name', 'message'))
         times = run.times(found)
         for k, j in np.argwhere(np.nan_to_num(level.astype(float)) >= 1):
-            line = one_line(f'{name[k, j]}: {text[k, j]}', TEXT_LENGTH)
-            rows.append(((BAD if level[k, j] >= 2 else WARNING, line), times[k]))
-    for (severity, line), spans in _grouped(rows).items():
-        yield Finding('diagnostics', severity, '', line, spans)
+            severity = BAD if level[k, j] >= 2 else WARNING
+            rows.append(((severity, f'{name[k, j]}: {text[k, j]}'), times[k]))
+    for (severity, line), found_at in _grouped(rows).items():
+        yield _finding('diagnostics', severity, line, *found_at)
 
 
 def _events(run: Recorded) -> Iterator[Finding]:
@@ -224,12 +221,21 @@ def _events(run: Recorded) -> Iterator[Finding]:
         states = zip(found['start_state.label'], found['goal_state.label'], strict=True)
         texts = [f'lifecycle: {start} to {goal}' for start, goal in states]
         rows += zip(texts, run.times(found), strict=True)
-    for text, spans in _grouped(rows).items():
-        yield Finding('event', NOTE, '', one_line(text, TEXT_LENGTH), spans)
+    last = _last_command(run)
+    if last is not None:
+        rows.append(
+            (f'the last command: none in the {run.span[1] - last:.3g} s that follow', last)
+        )
+    for text, times in _grouped(rows).items():
+        yield _finding('event', NOTE, text, *times)
 
 
 def _without_states(run: Recorded) -> str:
     return '' if run.joints else 'no joint states'
+
+
+def _without_diagnostics(run: Recorded) -> str:
+    return '' if next(run.of_type(DIAGNOSTICS), None) else 'none recorded'
 
 
 Check = Callable[[Recorded], Iterator[Finding]]
@@ -238,16 +244,16 @@ CHECKS: dict[str, tuple[Check, Callable[[Recorded], str]]] = {
     'limits': (_limits, _without_limits),
     'finite numbers': (_not_finite, _without_states),
     'missing states': (_gaps, _without_states),
-    'rejected inputs and reflexes': (_rejected, lambda run: '' if run.settings else NOT_OURS),
+    'rejected inputs and reflexes': (
+        _rejected,
+        lambda run: '' if run.settings else 'not a recording of pfd',
+    ),
     'watchdog': (
         _watchdog,
         lambda run: '' if run.settings.get('command_timeout') else 'no command_timeout',
     ),
     'failure of the simulation': (_failure, lambda run: '' if _totals(run) else 'no end record'),
-    'diagnostics': (
-        _diagnostics,
-        lambda run: '' if next(run.of_type(DIAGNOSTICS), None) else 'none recorded',
-    ),
+    'diagnostics': (_diagnostics, _without_diagnostics),
     'events': (_events, lambda run: ''),
 }
 
@@ -257,12 +263,11 @@ def find(run: Recorded) -> tuple[list[Finding], list[str], dict[str, str]]:
     lacking = {name: why for name, (_, impossible) in CHECKS.items() if (why := impossible(run))}
     made = [name for name in CHECKS if name not in lacking]
     found = [each for name in made for each in CHECKS[name][0](run)]
-    last, end = _last_command(run), commands_end(run)
-    if last is not None:
-        text = f'the last command: none in the {run.span[1] - last:.3g} s that follow'
-        found.append(Finding('event', NOTE, '', text, _at(last)))
+    end = commands_end(run)
     if end is not None:
-        rest = [x for x in found if x.time > end and x.kind not in ('failure', 'reflex')]
-        found = [replace(x, severity=NOTE) if x in rest else x for x in found]
+        late = [x.time > end and x.kind not in ('failure', 'reflex') for x in found]
+        found = [
+            replace(x, severity=NOTE) if after else x for x, after in zip(found, late, strict=True)
+        ]
     rank = (BAD, WARNING, NOTE).index
     return sorted(found, key=lambda x: (x.time, rank(x.severity))), made, lacking

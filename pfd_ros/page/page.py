@@ -32,8 +32,9 @@ from pfd_ros.messages.types import DIAGNOSTICS, FLOAT_ARRAY, INERTIA, JOINT_STAT
 from pfd_ros.motion.symptoms import symptoms
 from pfd_ros.page.curves import Plot, Reference, commanded_positions, encoded, plots_of
 from pfd_ros.page.findings import BAD, NOTE, Finding, commands_end, find
-from pfd_ros.page.recorded import Array, Joints, Recorded
+from pfd_ros.page.recorded import Recorded
 from pfd_ros.recording.arrays import LogArrays
+from pfd_ros.recording.facts import by_parameter
 from pfd_ros.recording.format import FIRST_EDITION, HeadKey, damage_named
 from pfd_ros.text import cut, one_line
 
@@ -56,27 +57,14 @@ class Moment(NamedTuple):
 
 
 class Page(NamedTuple):
-    """A page, and what a command reports of it.
-
-    Attributes
-    ----------
-    html
-        The page.
-    said
-        Its headline on one line.
-    first
-        The first finding that is more than a note, None without one.
-    findings, plots
-        All findings in the order of time, and the curves that are drawn.
-    notes, unreadable
-        Lines on the log, and on what cannot be read of it: then the log is not known to be good.
-    """
+    """A page, and what a command reports of it."""
 
     html: str
-    said: str
-    first: Finding | None
-    findings: list[Finding]
+    said: str  # its headline on one line
+    first: Finding | None  # the first finding that is more than a note
+    findings: list[Finding]  # in the order of time
     plots: list[Plot]
+    # Lines on the log, and on what cannot be read of it: then the log is not known to be good.
     notes: list[str]
     unreadable: list[str]
 
@@ -120,18 +108,24 @@ def _page(run: Recorded, marks: Sequence[Moment | Reference]) -> Page:
         found.append(Finding(label, severity, '', one_line(text.partition('\n')[0], 200), spans))
     found.sort(key=lambda x: (x.time, x.severity == NOTE))
     first = next((x for x in found if x.severity != NOTE), None)
-    if not run.log.complete:
-        run.notes['the file is cut off: it was not closed, and the page is up to the cut'] = None
-    if run.log.bag.head.get(HeadKey.FORMAT) in FIRST_EDITION:
-        run.notes['a recording of the first edition: read as the log of another program'] = None
-    if not run.joints and not run.unreadable:
-        run.notes['the log has no joint states'] = None
     said, severity = _said(run, first)
     plots = list(plots_of(run, references))
-    if len(plots) > MOST_PLOTS:
-        run.notes[f'{len(plots) - MOST_PLOTS} more plots are not drawn'] = None
+    for holds, note in (
+        (
+            not run.log.complete,
+            'the file is cut off: it was not closed, the page is up to the cut',
+        ),
+        (
+            run.log.bag.head.get(HeadKey.FORMAT) in FIRST_EDITION,
+            'a recording of the first edition: read as the log of another program',
+        ),
+        (not run.joints and not run.unreadable, 'the log has no joint states'),
+        (len(plots) > MOST_PLOTS, f'{len(plots) - MOST_PLOTS} more plots are not drawn'),
+    ):
+        if holds:
+            run.notes[note] = None
     cards = [
-        _headline(run, said, severity, first, made, lacking),
+        _headline(said, severity, None if run.unreadable else first, made, lacking),
         *(
             _card(f'{m.label} at {m.time:.3f} s', f'<pre>{escape(m.text)}</pre>', 'mark')
             for m in moments
@@ -156,8 +150,7 @@ def _page(run: Recorded, marks: Sequence[Moment | Reference]) -> Page:
         'first': None if first is None else first.time,
     }
     html = _document(run.log.path.name, ''.join(cards), data)
-    unreadable = list(run.unreadable)
-    return Page(html, said, first, found, plots[:MOST_PLOTS], list(run.notes), unreadable)
+    return Page(html, said, first, found, plots[:MOST_PLOTS], [*run.notes], [*run.unreadable])
 
 
 def _said(run: Recorded, first: Finding | None) -> tuple[str, str]:
@@ -186,25 +179,16 @@ def _card(title: str, body: str, css: str = '') -> str:
 
 
 def _headline(
-    run: Recorded,
-    said: str,
-    severity: str,
-    first: Finding | None,
-    made: Sequence[str],
-    lacking: dict[str, str],
+    said: str, severity: str, first: Finding | None, made: Sequence[str], lacking: dict[str, str]
 ) -> str:
-    title, body = 'Result', ''
-    if first is None or run.unreadable:
-        body = f'<p class="what">{escape(said[:1].upper() + said[1:])}</p>'
+    title, body = 'Result', f'<p class="what">{escape(said[:1].upper() + said[1:])}</p>'
     if first is not None:
         title = 'What went wrong first'
-        body += f'<p class="when">{_button(first.time)} {escape(first.kind)}</p>'
+        body = f'<p class="when">{_button(first.time)} {escape(first.kind)}</p>'
         body += f'<p class="what"><b>{escape(first.joint)}</b> {escape(first.text)}</p>'
-    lines = [f'Checked: {", ".join(made)}.']
-    if lacking:
-        reasons = '; '.join(f'{name} ({why})' for name, why in lacking.items())
-        lines.append(f'Not checked: {reasons}.')
-    body += ''.join(f'<p class="small">{escape(line)}</p>' for line in lines)
+    reasons = '; '.join(f'{name} ({why})' for name, why in lacking.items())
+    body += f'<p class="small">Checked: {escape(", ".join(made))}.</p>'
+    body += f'<p class="small">Not checked: {escape(reasons)}.</p>' if reasons else ''
     return _card(title, body, f'headline {severity}')
 
 
@@ -253,14 +237,8 @@ def _facts(run: Recorded) -> Iterator[tuple[str, str]]:
         yield named, f'{len(joints.time)}, every {1e3 * joints.period:.4g} ms'
     if run.settings:
         taken = sum(len(x) for role in INPUTS if (x := run.of_role(role)) is not None)
-        rejected = run.of_role(REJECTED)
-        yield 'inputs', f'{taken}, {0 if rejected is None else len(rejected)} rejected'
-        model = ', '.join(f'{run.settings.get(x)}' for x in ('integrator', 'method'))
-        yield 'simulation', f'{model}, step {run.settings.get("step_size")} s'
-    versions = json.loads(log.head.get('versions') or '{}')
-    if isinstance(versions, dict) and versions.get('pfd'):
-        yield 'recorded by', f'pfd {versions["pfd"]}'
-    yield 'whole', 'yes' if log.complete else 'no'
+        yield 'inputs', f'{taken}, {len(run.of_role(REJECTED) or ())} rejected'
+        yield 'recorded by', f'pfd {dict(json.loads(log.head.get("versions", "{}"))).get("pfd")}'
 
 
 def _origin(run: Recorded) -> str:
@@ -274,11 +252,11 @@ def _origin(run: Recorded) -> str:
 
 
 def _settings(run: Recorded) -> Iterator[tuple[str, str]]:
-    """Yield the settings that differ from the defaults."""
+    """Yield the settings that differ from the defaults, by the names of parameters."""
     defaults = json.loads(Settings().to_json())
-    for name, value in sorted(run.settings.items()):
-        if value != defaults.get(name):
-            yield name, ', '.join(map(str, value)) if isinstance(value, list) else str(value)
+    changed = {name: x for name, x in run.settings.items() if x != defaults.get(name)}
+    for name, value in sorted(by_parameter(changed).items()):
+        yield name, ', '.join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 def _diagnosis(
@@ -287,49 +265,42 @@ def _diagnosis(
     """Yield a line for each joint, on its motion around what went wrong first."""
     ended = commands_end(run)
     for joints in run.joints:
-        around = joints.time[-1] if first is None else first.time
+        time, at = joints.time, joints.time[-1] if first is None else first.time
         # After its last command the motion is not the controller's.
-        last = min(around + AFTER, np.inf if ended is None else ended)
-        near = (joints.time >= around - BEFORE) & (joints.time <= last)
-        near &= np.diff(joints.time, prepend=-np.inf) > 0.0
+        last = min(at + AFTER, np.inf if ended is None else ended)
+        near = (time >= at - BEFORE) & (time <= last) & (np.diff(time, prepend=-np.inf) > 0.0)
         for j, name in enumerate(joints.names):
             columns = [joints.values[item][:, j] for item in JOINT_FIELDS]
             good = near & np.isfinite(columns[0]) & np.isfinite(columns[1])
-            target = next((r.at(name, joints.time) for r in references if name in r.names), None)
+            target = next((r.at(name, time) for r in references if name in r.names), None)
             if target is not None:
                 good &= np.isfinite(target)
             rows = np.flatnonzero(good)[-MOST_DIAGNOSED:]
-            if len(rows) >= FEWEST_STATES and joints.period > 0.0:
-                yield f'{name}: {_of_joint(run, joints, j, rows, target)}'
-
-
-def _of_joint(run: Recorded, joints: Joints, j: int, rows: Array, target: Array | None) -> str:
-    columns = [np.nan_to_num(joints.values[item][rows, j]) for item in JOINT_FIELDS]
-    none = np.full((2, len(joints.names)), [[-np.inf], [np.inf]])
-    ends = [joints.bounds.get(item, none)[:, j].tolist() for item in JOINT_FIELDS]
-    limits = [(*row, *pair) for *row, pair in zip(JOINT_FIELDS, columns, ends, strict=True)]
-    with np.errstate(all='ignore'):
-        text = symptoms(
-            joints.time[rows],
-            *columns,
-            target=None if target is None else target[rows],
-            limits=limits,
-            period=joints.period,
-            commanded=not run.settings or joints.names[j] in run.commanded,
-        )
-    return text if joints.bounds else text.removesuffix(', no limit reached')
+            if len(rows) < FEWEST_STATES or not joints.period:
+                continue
+            columns = [np.nan_to_num(values[rows]) for values in columns]
+            ends = [joints.bounds[item][:, j].tolist() for item in JOINT_FIELDS]
+            limits = [(x, c, *e) for x, c, e in zip(JOINT_FIELDS, columns, ends, strict=True)]
+            with np.errstate(all='ignore'):
+                text = symptoms(
+                    time[rows],
+                    *columns,
+                    target=None if target is None else target[rows],
+                    limits=limits,
+                    period=joints.period,
+                    commanded=not run.settings or name in run.commanded,
+                )
+            text = text if run.robot is not None else text.removesuffix(', no limit reached')
+            yield f'{name}: {text}'
 
 
 def _document(title: str, cards: str, data: dict[str, Any]) -> str:
     folder = files('pfd_ros.page') / 'assets'
 
-    def asset(name: str) -> str:
-        return (folder / name).read_text(encoding='utf-8')
-
     def tagged(tag: str, *names: str) -> tuple[str, str]:
-        texts = [asset(name) for name in names]
-        digests = [hashlib.sha256(text.encode()).digest() for text in texts]
-        allowed = ' '.join(f"'sha256-{base64.b64encode(x).decode()}'" for x in digests)
+        texts = [(folder / name).read_text(encoding='utf-8') for name in names]
+        digests = [base64.b64encode(hashlib.sha256(x.encode()).digest()).decode() for x in texts]
+        allowed = ' '.join(f"'sha256-{digest}'" for digest in digests)
         return ''.join(f'<{tag}>{text}</{tag}>' for text in texts), allowed
 
     styles, style_digests = tagged('style', 'uPlot.min.css', 'page.css')
@@ -337,14 +308,13 @@ def _document(title: str, cards: str, data: dict[str, Any]) -> str:
     text = json.dumps(data, allow_nan=False, separators=(',', ':'))
     values = {
         'TITLE': escape(title),
-        'POLICY': escape(
-            f"default-src 'none'; script-src {script_digests}; style-src {style_digests}; "
-            "base-uri 'none'; form-action 'none'"
-        ),
+        'POLICY': f"default-src 'none'; script-src {script_digests}; style-src {style_digests}; "
+        "base-uri 'none'; form-action 'none'",
         'STYLES': styles,
         'CARDS': cards,
         # No parser of HTML ends it early.
         'DATA': text.replace('<', '\\u003c').replace('>', '\\u003e').replace('&', '\\u0026'),
         'SCRIPTS': scripts,
     }
-    return re.sub('@@([A-Z]+)@@', lambda found: values[found[1]], asset('page.html'))
+    template = (folder / 'page.html').read_text(encoding='utf-8')
+    return re.sub('@@([A-Z]+)@@', lambda found: values[found[1]], template)

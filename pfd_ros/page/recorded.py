@@ -38,25 +38,14 @@ LATEST_START = 10**6 * NANOSECONDS
 
 @dataclass(frozen=True, eq=False)
 class Joints:
-    """N states of n joints that are published together.
-
-    Attributes
-    ----------
-    time
-        Times (N,) on the page [s], not decreasing.
-    values
-        Position, velocity and effort by name, (N, n), NaN where a message has none.
-    bounds
-        Lower and upper limits (2, n) by the same names, infinite without one; {} without a robot.
-    period
-        Expected time between states [s], 0 with fewer than two of them.
-    """
+    """N states of n joints that are published together."""
 
     names: tuple[str, ...]
-    time: Array = field(repr=False)
+    time: Array = field(repr=False)  # (N,) on the page [s], not decreasing
+    # Of position, velocity, effort: (N, n), NaN where a message has none, and limits (2, n).
     values: Mapping[str, Array] = field(repr=False)
     bounds: Mapping[str, Array] = field(repr=False)
-    period: float
+    period: float  # expected [s], 0 with fewer than two states
 
     @cached_property
     def gaps(self) -> Array:
@@ -66,36 +55,27 @@ class Joints:
 
 
 class Recorded:
-    """A log, read with `unreadable='count'`, as a page needs it.
-
-    Attributes
-    ----------
-    robot
-        That of the log, or else the one that was given.
-    topic
-        The topic of the joint states, '' if none can be read.
-    joints
-        Its joints by publisher.
-    unreadable, notes
-        Lines on what cannot be read, and on what else a reader should know.
-    """
+    """A log, read with `unreadable='count'`, as a page needs it."""
 
     def __init__(self, log: LogArrays, robot: pfd.Robot | None = None) -> None:
         self.log, self.robot = log, log.robot or robot
-        known = () if self.robot is None else self.robot.joint_names
-        self._place = {name: k for k, name in enumerate(known)}
         self.settings: Mapping[str, Any] = log.settings or {}
+        # Lines on what cannot be read, and on what else a reader should know.
         self.unreadable: dict[str, None] = {}
         self.notes: dict[str, None] = {}
-        self._read = {topic: self._topic(topic) for topic in log}
+        self._read = {topic: found for topic in log if (found := self._topic(topic)) is not None}
+        self._by_role = {role: topic for topic, role in log.roles.items() if topic in self._read}
+        # The topic of the joint states, '' if none can be read.
         self.topic = self._states_topic()
         states = self._read.get(self.topic)
-        self._axis_ns = np.empty(0, np.int64) if states is None else self._stamps_of(states)
-        self._logged_ns = np.empty(0, np.int64) if states is None else states.log_ns
-        every = [x.log_ns[0] for x in self._read.values() if x is not None]
+        self._axis_ns = self._logged_ns = np.empty(0, np.int64)
+        if states is not None:
+            self._axis_ns, self._logged_ns = self._stamps_of(states), states.log_ns
+        every = [x.log_ns[0] for x in self._read.values()]
         first = int(self._axis_ns[0] if states is not None else min(every, default=0))
         self.origin_ns = first if first > LATEST_START else 0
         self.joints = () if states is None else tuple(self._by_publisher(states))
+        self.names = tuple(name for joints in self.joints for name in joints.names)
 
     def _topic(self, topic: str) -> TopicArrays | None:
         """Return the messages of a topic, None without any; note what cannot be read."""
@@ -111,14 +91,11 @@ class Recorded:
 
     def of_role(self, role: str) -> TopicArrays | None:
         """Return the messages of a role in a recording of ours, None without any."""
-        topics = (topic for topic, other in self.log.roles.items() if other == role)
-        return self._read.get(next(topics, ''))
+        return self._read.get(self._by_role.get(role, ''))
 
     def of_type(self, kind: str) -> Iterator[tuple[str, TopicArrays]]:
         """Yield the topics of a type that have messages."""
-        for topic, found in self._read.items():
-            if found is not None and self.log.topics[topic] == kind:
-                yield topic, found
+        return ((topic, x) for topic, x in self._read.items() if self.log.topics[topic] == kind)
 
     def times(self, found: TopicArrays) -> Array:
         """Return the times (N,) of messages on the page [s], not decreasing."""
@@ -139,26 +116,28 @@ class Recorded:
     @cached_property
     def commanded(self) -> set[str]:
         """Joints for which a command was logged."""
-        if self.of_role(ARRAY) is not None:
-            return {name for joints in self.joints for name in joints.names}
         named = self.of_role(NAMED)
+        if self.of_role(ARRAY) is not None:
+            return set(self.names)
         if named is None:
             return set()
-        there = [np.isfinite(getattr(named, item)).any(axis=0) for item in JOINT_FIELDS]
-        return {named.names[j] for j in np.flatnonzero(np.any(there, axis=0))}
+        there = np.isfinite([getattr(named, item) for item in JOINT_FIELDS]).any(axis=(0, 1))
+        return {named.names[j] for j in np.flatnonzero(there)}
 
     @property
     def span(self) -> tuple[float, float]:
         """First and last time of the states [s]."""
-        times = [joints.time[[0, -1]] for joints in self.joints]
-        return (float(np.min(times)), float(np.max(times))) if times else (0.0, 0.0)
+        times = [time for joints in self.joints for time in joints.time[[0, -1]]]
+        return (float(min(times)), float(max(times))) if times else (0.0, 0.0)
 
     def unit(self, item: str, names: tuple[str, ...]) -> str:
         """Return the unit of the position, velocity or effort of joints."""
         turns, slides = JOINT_UNITS[item]
-        types = () if self.robot is None else self.robot.joint_types
-        kinds = {types[self._place[name]] == 'prismatic' for name in names if name in self._place}
-        return f'{turns} or {slides}' if len(kinds) != 1 else slides if kinds.pop() else turns
+        robot, found = self.robot, set[str]()
+        if robot is not None:
+            kinds = dict(zip(robot.joint_names, robot.joint_types, strict=True))
+            found = {slides if kinds[x] == 'prismatic' else turns for x in names if x in kinds}
+        return found.pop() if len(found) == 1 else f'{turns} or {slides}'
 
     def _states_topic(self) -> str:
         """Return the topic of joint states: by role, by name, or the one with most messages."""
@@ -169,11 +148,12 @@ class Recorded:
                 if named and kind != JOINT_STATE and len(self.log.received_ns[topic]):
                     text = f'{cut(topic)} has the type {cut(kind)}, expected {JOINT_STATE}'
                     self.unreadable[one_line(f'{text}: it cannot be read')] = None
-        roles = self.log.roles
-        rank = {
-            t: (roles.get(t) == STATES, t.endswith('joint_states'), n) for t, n in found.items()
-        }
-        return max(found, key=lambda topic: rank[topic], default='')
+
+        def rank(topic: str) -> tuple[bool, bool, int]:
+            role = self.log.roles.get(topic)
+            return role == STATES, topic.endswith('joint_states'), found[topic]
+
+        return max(found, key=rank, default='')
 
     def _stamps_of(self, states: TopicArrays) -> Array:
         """Return the stamps of the states, or log times where stamps are no times, increasing."""
@@ -190,6 +170,7 @@ class Recorded:
 
     def _by_publisher(self, states: TopicArrays) -> Iterator[Joints]:
         """Yield the joints that are named in the same messages."""
+        bounds = self._bounds(states.names)
         together: dict[tuple[bool, ...], list[int]] = {}
         for j, name in enumerate(states.names):
             together.setdefault(tuple(name in x for x in states.lists), []).append(j)
@@ -199,9 +180,13 @@ class Recorded:
             whole = len(columns) == len(states.names) and len(rows) == len(states)
             rows, taken = (slice(None), slice(None)) if whole else (rows, columns)
             time = (self._axis_ns[rows] - self.origin_ns) / NANOSECONDS
-            names = tuple(states.names[j] for j in columns)
-            values = {item: getattr(states, item)[rows][:, taken] for item in JOINT_FIELDS}
-            yield Joints(names, time, values, self._bounds(names), self._period(time))
+            yield Joints(
+                tuple(states.names[j] for j in columns),
+                time,
+                {item: getattr(states, item)[rows][:, taken] for item in JOINT_FIELDS},
+                {item: pair[:, taken] for item, pair in bounds.items()},
+                self._period(time),
+            )
 
     def _period(self, time: Array) -> float:
         if self.settings:
@@ -210,16 +195,17 @@ class Recorded:
         return float(np.median(np.diff(time))) if len(time) > 1 else 0.0
 
     def _bounds(self, names: tuple[str, ...]) -> dict[str, Array]:
+        """Return the limits (2, n) of joints; infinite for those that the robot lacks."""
+        bounds = {item: np.tile([[-np.inf], [np.inf]], len(names)) for item in JOINT_FIELDS}
         robot = self.robot
-        if robot is None:
-            return {}
-        # Many models hold 0 for a limit that nobody knew.
-        limits = robot.velocity_limit, robot.effort_limit
-        speed, effort = (np.where(x > 0.0, x, np.inf) for x in limits)
-        pairs = (robot.position_lower, robot.position_upper), (-speed, speed), (-effort, effort)
-        # The last column is of joints that the robot lacks.
-        places, none = [self._place.get(name, -1) for name in names], [[-np.inf], [np.inf]]
-        return {
-            item: np.concatenate([pair, none], axis=1)[:, places]
-            for item, pair in zip(JOINT_FIELDS, pairs, strict=True)
-        }
+        if robot is not None:
+            # Many models hold 0 for a limit that nobody knew.
+            limits = robot.velocity_limit, robot.effort_limit
+            speed, effort = (np.where(x > 0.0, x, np.inf) for x in limits)
+            pairs = (robot.position_lower, robot.position_upper), (-speed, speed)
+            known = {name: k for k, name in enumerate(robot.joint_names)}
+            columns = [j for j, name in enumerate(names) if name in known]
+            places = [known[names[j]] for j in columns]
+            for item, pair in zip(JOINT_FIELDS, (*pairs, (-effort, effort)), strict=True):
+                bounds[item][:, columns] = np.array(pair)[:, places]
+        return bounds

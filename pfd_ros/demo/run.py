@@ -9,7 +9,8 @@ environment that connect to other systems.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 import itertools
 import json
 import os
@@ -18,7 +19,6 @@ import re
 import secrets
 import sys
 import time
-from typing import Any
 
 import numpy as np
 import yaml
@@ -94,25 +94,41 @@ def run_demo(robot_name: str, seconds: float, folder: Path, view_port: int | Non
     text = yaml.safe_dump({'/**': {'ros__parameters': parameters}})
     Path(f'{base}.yaml').write_text(text, encoding='utf-8')
     print(f'{robot_name}: arm and controller for {seconds:g} s, recorded to {base}.mcap')
+    problems: list[str] = []
     # Not the domain of the environment, where an arm may be running.
     avoided = os.environ.get('ROS_DOMAIN_ID', '')
     start = secrets.randbelow(LAST - FIRST + 1)
-    view = None
-    with own_domain(start=start, avoided=avoided) as domain:
-        env = environment(os.environ, domain)
+    with own_domain(start=start, avoided=avoided) as domain, ExitStack() as ends:
+        env, view = environment(os.environ, domain), None
+        if view_port is not None:
+            view = ViewProcess(view_port, robot_name, Path(f'{base}.view.txt'), env)
+            ends.callback(view.stop)
+            _show_page(view, f'{namespace}/sim_arm')
+        # /clock is absolute, so a namespace does not change it.
+        ros = ['--ros-args', '-r', f'__ns:={namespace}', '-r', '/clock:=clock']
+        motion = ['--robot', robot_name, '--seconds', str(seconds)]
+        arm, controller = (
+            ChildProcess([sys.executable, '-m', *words], Path(f'{base}.{name}.txt'), env)
+            for name, words in (
+                ('sim_arm', ['pfd_ros.node.main', *ros, '--params-file', f'{base}.yaml']),
+                ('controller', ['pfd_ros.demo.controller', *motion, *ros]),
+            )
+        )
+        # The kernel ends both with this process; Ctrl-C comes as an exception.
+        for child in (arm, controller):
+            ends.callback(child.stop, STOP_SECONDS)
+        # Without the arm the controller would wait forever.
+        _wait(lambda: controller.end() or arm.end(), START_SECONDS + 4 * seconds)
+        for child in (controller, arm):
+            status = child.stop(STOP_SECONDS)
+            if status:
+                problems.append(f'a process ended with status {status}, see {child.output}')
+        if view is not None and view.ended():
+            problems.append(f'{view.ended()}, see {view.output}')
+        printed = controller.text()
+    if not problems:
         try:
-            if view_port is not None:
-                view = ViewProcess(view_port, robot_name, Path(f'{base}.view.txt'), env)
-                _show_page(view, f'{namespace}/sim_arm')
-            report, problems = _processes(robot_name, seconds, base, namespace, env)
-            if view is not None and view.ended():
-                problems.append(f'{view.ended()}, see {view.output}')
-        finally:
-            if view is not None:
-                view.stop()
-    if report is not None:
-        try:
-            problems += _results(base, robot, report)
+            problems += _results(base, robot, json.loads(printed.splitlines()[-1])['sent'])
         except (ValueError, OSError) as error:
             problems.append(str(error))
     for problem in problems:
@@ -122,60 +138,27 @@ def run_demo(robot_name: str, seconds: float, folder: Path, view_port: int | Non
     return 1 if problems else 0
 
 
+def _wait(done: Callable[[], object], seconds: float) -> None:
+    """Return when something is done, or after some time."""
+    deadline = time.monotonic() + seconds
+    while not done() and time.monotonic() < deadline:
+        time.sleep(POLL_SECONDS)
+
+
 def _show_page(view: ViewProcess, node: str) -> None:
     """Start the view, print its address, and wait for a browser to open it, or for some time."""
     view.start(node)
-    deadline = time.monotonic() + START_SECONDS
-    while (found := re.search(r'^http://\S+', view.text(), re.MULTILINE)) is None:
-        if view.ended() or time.monotonic() > deadline:
-            return
-        time.sleep(POLL_SECONDS)
-    print(
-        f'view       {found[0]}: the arm starts when a browser opens it, in {PAGE_SECONDS:g} s '
-        'at the latest',
-        flush=True,
-    )
-    deadline = time.monotonic() + PAGE_SECONDS
-    while OPENED not in view.text() and not view.ended() and time.monotonic() < deadline:
-        time.sleep(POLL_SECONDS)
-
-
-def _processes(
-    robot_name: str, seconds: float, base: Path, namespace: str, env: dict[str, str]
-) -> tuple[dict[str, Any] | None, list[str]]:
-    """Run both processes; return the controller's counts and the problems."""
-    # /clock is absolute, so a namespace does not change it.
-    names = ['--ros-args', '-r', f'__ns:={namespace}', '-r', '/clock:=clock']
-    arm_output, output = (Path(f'{base}.{name}.txt') for name in ('sim_arm', 'controller'))
-    python = [sys.executable, '-m']
-    node = [*python, 'pfd_ros.node.main', *names, '--params-file', f'{base}.yaml']
-    options = ['--robot', robot_name, '--seconds', str(seconds)]
-    arm, controller = ChildProcess(node, arm_output, env), None
-    try:
-        controller = ChildProcess(
-            [*python, 'pfd_ros.demo.controller', *options, *names], output, env
+    _wait(lambda: 'http://' in view.text() or view.ended(), START_SECONDS)
+    for url in re.findall(r'^http://\S+', view.text(), re.MULTILINE):
+        print(
+            f'view       {url}: the arm starts when a browser opens it, in {PAGE_SECONDS:g} s '
+            'at the latest',
+            flush=True,
         )
-        deadline = time.monotonic() + START_SECONDS + 4 * seconds
-        # Without the arm the controller would wait forever.
-        while not controller.end() and not arm.end() and time.monotonic() < deadline:
-            time.sleep(POLL_SECONDS)
-    finally:
-        controller_status = None if controller is None else controller.stop(STOP_SECONDS)
-        arm_status = arm.stop(STOP_SECONDS)
-    problems = [
-        f'the {name} ended with status {status}, see {path}'
-        for name, status, path in (
-            ('controller', controller_status, output),
-            ('arm', arm_status, arm_output),
-        )
-        if status != 0
-    ]
-    if problems:
-        return None, problems
-    return json.loads(output.read_text(encoding='utf-8').splitlines()[-1]), []
+        _wait(lambda: OPENED in view.text() or view.ended(), PAGE_SECONDS)
 
 
-def _results(base: Path, robot: pfd.Robot, report: Mapping[str, int]) -> Iterator[str]:
+def _results(base: Path, robot: pfd.Robot, sent: int) -> Iterator[str]:
     """Print what the log shows, write its page, and yield the problems."""
     path = base.with_suffix('.mcap')
     found = verify(path)
@@ -184,14 +167,20 @@ def _results(base: Path, robot: pfd.Robot, report: Mapping[str, int]) -> Iterato
         yield 'the recording was not closed'
     log = read_log(path, types=TYPES)
     topics = {role: topic for topic, role in log.roles.items()}
-    if len(log[topics[STATES]]) < 2:
+    states, commands = topics[STATES], topics[COMMANDS]
+    if len(log[states]) < 2:
         yield 'the recording has no states'
         return
-    slow = _rate(log, topics[STATES])
-    off = _tracking(log, (topics[STATES], topics[COMMANDS]))
+    slow = _rate(log, states)
+    compared = compare(log, log, topics=(states, commands), lag=0.0)
+    errors = [item for item in compared.differences if item.field == 'position']
+    print('tracking   joint                    rms      largest')
+    for item in errors:
+        print(f'           {item.joint:18s} {item.rms:12.3e} {item.largest:12.3e}')
+    off = max((item.largest for item in errors), default=np.inf)
     if off > TRACKING_LIMIT and not slow:
         yield f'the arm was {off:.3g} off its motion, expected {TRACKING_LIMIT} at most'
-    sent, recorded = report['sent'], len(log[topics[COMMANDS]])
+    recorded = len(log[commands])
     print(f'commands   sent {sent}, recorded {recorded}, lost {sent - recorded}')
     shown = page(log, robot=robot)
     shown.write(base.with_suffix('.html'))
@@ -203,11 +192,11 @@ def _results(base: Path, robot: pfd.Robot, report: Mapping[str, int]) -> Iterato
 def _rate(log: LogArrays, topic: str) -> bool:
     """Print the rate of the states; return whether the machine is too slow for it."""
     states = log[topic]
-    stamps = np.asarray(states.stamp_ns, float)
-    period = float(np.median(np.diff(stamps))) / NANOSECONDS
+    assert states.stamp_ns is not None
+    expected = NANOSECONDS / float(np.median(np.diff(states.stamp_ns)))
     periods = np.diff(states.log_ns) / NANOSECONDS
-    jitter = np.quantile(np.abs(periods - period), (0.5, 0.99, 1.0)) * 1e6
-    rate, expected = 1 / periods.mean(), 1 / period
+    jitter = np.quantile(np.abs(periods - 1 / expected), (0.5, 0.99, 1.0)) * 1e6
+    rate = 1 / periods.mean()
     print(
         f'rate       {rate:.2f} Hz of {expected:g} Hz; jitter: median {jitter[0]:.0f} us, 99 % '
         f'{jitter[1]:.0f} us, largest {jitter[2]:.0f} us'
@@ -216,13 +205,3 @@ def _rate(log: LogArrays, topic: str) -> bool:
     if slow:
         print('           this machine is too slow for real time now: see `pfd doctor`, clock')
     return slow
-
-
-def _tracking(log: LogArrays, topics: tuple[str, str]) -> float:
-    """Print how far the positions are from the reference; return the largest error, rad or m."""
-    found = compare(log, log, topics=topics, lag=0.0)
-    errors = [item for item in found.differences if item.field == 'position']
-    print('tracking   joint                    rms      largest')
-    for item in errors:
-        print(f'           {item.joint:18s} {item.rms:12.3e} {item.largest:12.3e}')
-    return max((item.largest for item in errors), default=np.inf)

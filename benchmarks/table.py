@@ -5,7 +5,7 @@ Pages and their tables as Markdown, and their data as JSON.
 
 The prose of a page is a template, texts/NAME.md. A line that is only `{name}` is a block: a table
 or a section, inserted as it is. In other lines values replace `{name}`. A paragraph on one long
-line of the template is wrapped; other lines stay as they are.
+line of the template is wrapped; other lines, items of lists and rows of tables stay as they are.
 """
 
 from __future__ import annotations
@@ -44,7 +44,9 @@ def page(name: str, /, **values: Any) -> str:
             lines.append(value.rstrip('\n') if isinstance(value, str) else '\n'.join(value))
         else:
             filled = line.format_map(values)
-            lines.append(paragraph(filled) if len(line) > WIDTH and line[0] != '-' else filled)
+            lines.append(
+                paragraph(filled) if len(line) > WIDTH and line[0] not in '-|' else filled
+            )
     return '\n'.join(lines) + '\n'
 
 

@@ -239,20 +239,20 @@ def _space_time(rows: Sequence[Row], folder: Path) -> Path:
 def _figure_1(rows: Sequence[Row], folder: Path) -> Path:
     """Draw both designs with the streams of H, the register u of each cell and the results."""
     H, y = equation()
-    n, side, left, wide = len(H), 104, 170, 560
-    drawing = Drawing(2 * wide, n * side + 118, 'Figure 1 with numbers')
+    n, side, left = len(H), 104, 190
+    high = n * side + 56
+    drawing = Drawing(620, 2 * high + 20, 'Figure 1 with numbers')
     titles = {
         PRINTED: 'As printed: equations (29) to (31)',
         'solve': "Corrected: H = L L', L z = y",
     }
     for part, (name, title) in enumerate(titles.items()):
         own = [x for x in rows if x['run'] == name]
-        x0 = part * wide
-        drawing.text(x0 + 20, 24, title, 14, 'start', bold=True)
+        drawing.text(20, part * high + 24, title, 14, 'start', bold=True)
         for k in range(1, n + 1):
-            at = 72 + (n - k) * side
+            at = part * high + 72 + (n - k) * side
             for i in range(1, k + 1):
-                x = x0 + left + (i - 1) * side
+                x = left + (i - 1) * side
                 drawing.arrow(x + 26, at, x + (side - 27 if i < k else 48), at)
                 if k < n:
                     drawing.arrow(x, at - 26, x, at - side + 27)
@@ -260,21 +260,18 @@ def _figure_1(rows: Sequence[Row], folder: Path) -> Path:
             column = [f'{h:g}' for h in H[k - 1 :, k - 1]]
             start = next(x['cycle'] for x in own if x['row'] == k and x['action'] != STORE)
             if name == PRINTED:
-                items, x = [*column[1:], column[0]], x0 + left + (k - 1) * side
+                items, x = [*column[1:], column[0]], left + (k - 1) * side
                 begin = next(z['cycle'] for z in own if z['row'] == z['column'] == k)
                 drawing.arrow(x, at + 52, x, at + 27)
-                drawing.text(x, at + 65, ', '.join([*column, '*']), 11)
-                drawing.text(x, at + 78, f'from cycle {begin}', 9, fill=FAINT)
+                drawing.text(x, at + 65, ', '.join([*column, '*']), 12)
+                drawing.text(x, at + 78, f'from cycle {begin}', 10, fill=FAINT)
             else:
                 items = [f'{column[0]}*', *column[1:], f'{y[k - 1]:g}']
-            drawing.arrow(x0 + left - 54, at, x0 + left - 27, at)
-            drawing.text(x0 + left - 60, at + 4, ', '.join(items), 11, 'end')
-            drawing.text(x0 + left - 60, at + 18, f'from cycle {start}', 9, 'end', FAINT)
-    words = (
-        'In a cell: its register u. Streams are written in the order in which they enter. '
-        'Right of a row: what leaves it, by cycle.'
-    )
-    drawing.text(20, n * side + 106, words, 12, 'start')
+            drawing.arrow(left - 54, at, left - 27, at)
+            drawing.text(left - 60, at + 4, ', '.join(items), 12, 'end')
+            drawing.text(left - 60, at + 18, f'from cycle {start}', 10, 'end', FAINT)
+    words = 'In a cell: its register u. Streams are written in the order in which they enter.'
+    drawing.text(20, 2 * high + 6, words, 12, 'start')
     return drawing.save(folder, 'array-figure-1.svg')
 
 
@@ -286,9 +283,9 @@ def _cell(drawing: Drawing, x: float, y: float, own: Sequence[Row], n: int) -> N
         # The way back comes later.
         leaving = [z for z in own if z['action'] != STORE and z['cycle'] < 3 * n]
         words = ', '.join(_written(z['number']) for z in leaving)
-        drawing.text(x + 53, y + 4, words, 12, 'start')
-        cycles = f'cycles {leaving[0]["cycle"]} to {leaving[-1]["cycle"]}'
-        drawing.text(x + 53, y + 18, cycles, 9, 'start', FAINT)
+        drawing.text(x + 53, y + 4, words, 13, 'start')
+        cycles = ' to '.join(dict.fromkeys(str(leaving[end]['cycle']) for end in (0, -1)))
+        drawing.text(x + 53, y + 18, f'cycle {cycles}', 10, 'start', FAINT)
     else:
         drawing.box(x - 26, y - 26, 52, 52, PAPER, GREY)
     drawing.text(x, y - 6, f'P{k}{i}', 11, fill=FAINT)

@@ -445,7 +445,7 @@ def text(data: dict[str, Any]) -> str:
 def _table(rows: Sequence[Row], *steps: str) -> list[str]:
     own = [x for x in rows if x['step'] in steps]
     titles = ('', *(f'lane {k + 1}' for k in range(len(own[0]['lanes']))))
-    return lines_of(titles, ([x['name'], *map(_shown, x['lanes'])] for x in own))
+    return lines_of(titles, ([f'`{x["name"]}`', *map(_shown, x['lanes'])] for x in own))
 
 
 def _shown(value: Any) -> str:
@@ -610,14 +610,14 @@ def _lanes(rows: Sequence[Row], folder: Path) -> Path:
     legend = [*COLORS.items(), ('routes', MOVED), ('idle', PAPER)]
     for k, (kind, color) in enumerate(legend):
         drawing.box(left + 130 * k, 34, 12, 12, color, GREY)
-        drawing.text(left + 130 * k + 18, 45, kind.replace('_', ' '), 12, 'start')
+        drawing.text(left + 130 * k + 18, 45, kind.replace('_', ' '), 13, 'start')
     for part in range(2):
         own = steps[part * half : (part + 1) * half]
         top = 86 + part * (LANES * high + 62)
         corners: dict[str, list[tuple[float, float, float]]] = {}
         for lane in range(1, LANES + 1):
             y, at = top + (lane - 1) * high, 0
-            drawing.text(left - 8, y + 15, f'lane {lane}', 11, 'end', FAINT)
+            drawing.text(left - 8, y + 15, f'lane {lane}', 13, 'end', FAINT)
             for color, equal in groupby(_color(x, lane) for x in own):
                 width = len(list(equal))
                 corners.setdefault(color, []).append((left + at * wide, y, width * wide))
@@ -630,13 +630,13 @@ def _lanes(rows: Sequence[Row], folder: Path) -> Path:
             width = len(list(equal))
             drawing.box(left + at * wide, top - 6, 1, LANES * high + 6, GREY)
             if width > 8:
-                drawing.text(left + (at + width / 2) * wide, top - 10, name, 10)
+                drawing.text(left + (at + width / 2) * wide, top - 10, name, 13)
             at += width
         y = top + LANES * high + 16
-        drawing.text(left, y, f'step {part * half + 1}', 10, 'start', FAINT)
-        drawing.text(left + at * wide, y, f'step {part * half + at}', 10, 'end', FAINT)
+        drawing.text(left, y, f'step {part * half + 1}', 13, 'start', FAINT)
+        drawing.text(left + at * wide, y, f'step {part * half + at}', 13, 'end', FAINT)
     words = 'Above the lanes: the steps of the paper, in the order in which the program runs.'
-    drawing.text(left, 2 * (LANES * high + 62) + 58, words, 12, 'start')
+    drawing.text(left, 2 * (LANES * high + 62) + 60, words, 13, 'start')
     return drawing.save(folder, 'pcrbm-lanes.svg')
 
 

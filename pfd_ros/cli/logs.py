@@ -32,7 +32,7 @@ from pfd_ros.node.main import ignore_signals, stop_on_signals
 
 if TYPE_CHECKING:
     from pfd_ros.recording.facts import Facts
-    from pfd_ros.replay.compare import Comparison
+    from pfd_ros.replay.compare import Curves
 
 INCOMPLETE = 3
 NANOSECONDS = 1_000_000_000
@@ -160,7 +160,7 @@ def _what_if(given: argparse.Namespace, options: dict[str, Any]) -> int:
         _print_json(what_if.as_json(found))
     else:
         print_lines(what_if.lines(found))
-    _plot(found.comparison, (found.source, found.log), plot)
+    _plot(found.curves, (found.source, found.log), plot)
     return status_of(given, found.problems)
 
 
@@ -179,11 +179,11 @@ def _print_json(found: dict[str, Any]) -> None:
     print(json.dumps(found, allow_nan=False))
 
 
-def _plot(found: Comparison, names: tuple[Path, Path], picture: Path | None) -> None:
-    from pfd_ros.replay.plots import plot_comparison
+def _plot(found: Curves, names: tuple[Path, Path], picture: Path | None) -> None:
+    from pfd_ros.replay.plots import plot_curves
 
     if picture:
-        plot_comparison(found, (str(names[0]), str(names[1])), picture)
+        plot_curves(found, (str(names[0]), str(names[1])), picture)
 
 
 def _info_arguments(parser: argparse.ArgumentParser) -> None:
@@ -269,7 +269,7 @@ def _compare(given: argparse.Namespace) -> int:
         _print_json(compare.as_json(found))
     else:
         print_lines(compare.lines(found))
-    _plot(found, (given.a, given.b), given.plot)
+    _plot(found.curves, (given.a, given.b), given.plot)
     unread = [
         f'{log.path}, {topic}: {log[topic].unreadable} of {len(log.received_ns[topic])} '
         'messages cannot be read'

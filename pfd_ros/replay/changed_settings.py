@@ -128,7 +128,9 @@ def changed_arm(log: Log, changes: Changes) -> ChangedArm:
                 f'{unbound[0]} needs robot=: a recording holds its robot as one chain of joints'
             )
     if 'joints' in values:
-        settings = _reordered(settings, robot, values['joints'])
+        names = settings.joints or robot.joint_names, values['joints'] or robot.joint_names
+        if sorted(names[0]) == sorted(names[1]):  # others are refused by the arm
+            settings = replace(settings, **_by_name(settings, *names))
     settings = _with_scene(settings, changes)
     settings = replace(settings, **{k: v for k, v in values.items() if k not in MODEL})
     if values.get('scene'):
@@ -150,7 +152,7 @@ def described_arm(changes: Changes) -> ChangedArm:
 def _other_robot(log: Log, values: Mapping[str, Any]) -> ChangedArm:
     """Return settings with the numbers of each joint by name, another robot, and its URDF."""
     settings, default = log.settings, Settings()
-    names = published_names(settings, log)
+    names = published_names(log)
     anew = [*MODEL, *_PER_JOINT, 'joints', 'initial_positions']
     fresh = {name: getattr(default, name) for name in anew}
     given = {name: values[name] for name in ('robot', *MODEL) if name in values}
@@ -167,30 +169,23 @@ def _other_robot(log: Log, values: Mapping[str, Any]) -> ChangedArm:
             f'the scene of the log is for the joints {listed(log.robot.joint_names)}: add '
             f'scene=FILE for {listed(moving)}, or scene= for none'
         )
-    same = sorted(names) == sorted(moving)
-    order = names if same and settings.joints else moving
-    carried: dict[str, Any] = {'joints': names if same and settings.joints else ()}
-    for name in _PER_JOINT:
-        old = dict(zip(names, getattr(settings, name), strict=False))
-        carried[name] = tuple(old.get(joint, 0.0) for joint in order) if old else ()
-    start = dict(zip(names, settings.initial_positions or (0.0,) * len(names), strict=True))
+    keeps = sorted(names) == sorted(moving) and bool(settings.joints)
+    carried = _by_name(settings, names, names if keeps else moving)
     its = dict(zip(moving, found.settings.initial_positions, strict=False))
-    at = tuple(start.get(joint, its.get(joint, 0.0)) for joint in order)
-    carried['initial_positions'] = at if any(at) or settings.initial_positions else ()
+    its |= dict(zip(names, settings.initial_positions or (0.0,) * len(names), strict=True))
+    carried['joints'] = names if keeps else ()
+    at = tuple(its.get(joint, 0.0) for joint in carried['joints'] or moving)
+    carried['initial_positions'] = at if any(at) else ()
     return ChangedArm(replace(found.settings, **carried), new, _text(lambda: found.text))
 
 
-def _reordered(settings: Settings, robot: pfd.Robot, joints: Sequence[str]) -> Settings:
-    """Return settings whose numbers of each joint follow their joints into another order."""
-    old, new = settings.joints or robot.joint_names, joints or robot.joint_names
-    if sorted(old) != sorted(new):
-        return settings  # refused by the arm
-    order = [tuple(old).index(name) for name in new]
+def _by_name(settings: Settings, old: Sequence[str], new: Sequence[str]) -> dict[str, Any]:
+    """Return the numbers of each joint for other joints or another order; new ones have 0."""
     moved: dict[str, Any] = {}
     for name in (*_PER_JOINT, 'initial_positions'):
-        row = getattr(settings, name)
-        moved[name] = tuple(row[k] for k in order) if row else row
-    return replace(settings, **moved)
+        row = dict(zip(old, getattr(settings, name), strict=False))
+        moved[name] = tuple(row.get(joint, 0.0) for joint in new) if row else ()
+    return moved
 
 
 def _text(urdf: Callable[[], str]) -> str:

@@ -9,10 +9,8 @@ value. Simulated clocks have no lag; of others it is estimated from the position
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from itertools import product
 import math
 from typing import Any, NamedTuple
 
@@ -27,9 +25,8 @@ from pfd_ros.text import listed
 
 # Correlation of positions below which an estimated lag means nothing.
 WEAK = 0.5
-# Times, values of a and of b, (N,).
+# Times [s], values of a and of b, (N,), by topic, field and joint.
 Curve = tuple[Array, Array, Array]
-# By topic, field and joint.
 Curves = dict[tuple[str, str, str], Curve]
 
 
@@ -69,7 +66,7 @@ class Comparison:
     complete : (bool, bool)
         Whether each log was closed properly, rather than cut off.
     curves : dict
-        Both logs at the compared times, for plots: time, a and b, (N,), by topic, field, joint.
+        Both logs at the compared times: time, a and b, (N,), by topic, field, joint.
     """
 
     lag: float
@@ -89,6 +86,19 @@ class Comparison:
         """Whether all of both logs was compared, and no difference exceeds the tolerance."""
         missing = self.only_in_a or self.only_in_b or self.uncovered
         return not missing and all(item.first_at is None for item in self.differences)
+
+
+class Track(NamedTuple):
+    """A joint in one topic: times [s], which do not decrease, and values by field, (k,)."""
+
+    time: Array
+    values: dict[str, Array]
+
+
+def track(states: TopicArrays, joint: str, time: Array) -> Track:
+    """Return a joint of a topic whose messages have these times [s], (N,)."""
+    rows, column = states.rows(joint), states.names.index(joint)
+    return Track(time[rows], {item: states[item][rows, column] for item in JOINT_FIELDS})
 
 
 def compare(
@@ -112,8 +122,8 @@ def compare(
         or the only one of each.
     lag : float, optional
         Time added to times of a to get times of b [s]; default 0 for two recordings of ours and
-        two logs with a /clock, else estimated from the positions of the first topic, after a shift
-        if the times do not overlap.
+        two logs with a /clock, else estimated from the positions of the topic with most of them,
+        after a shift if the times do not overlap.
 
     Raises
     ------
@@ -129,56 +139,55 @@ def compare(
         kind = log.topics.get(topic, 'not in the log')
         if kind != JOINT_STATE:
             raise ValueError(f'{log.path}: topic {topic!r} is {kind}, expected {JOINT_STATE}')
-    joints = [x for topic, other in pairs for x in _joints(topic, other, a[topic], b[other])]
-    counts = Counter[str]()
-    for joint in joints:
-        counts[joint.topic] += int(np.isfinite(joint.a['position']).sum())
-    first = [joint for joint in joints if joint.topic == max(counts, key=lambda x: counts[x])]
-    spans = _span([x.time_a for x in first]), _span([x.time_b for x in first])
-    shift, correlation = 0.0, None
+    # The tracks of both logs by pair of topics and joint.
+    joints = {pair: _joints(a[pair[0]], b[pair[1]]) for pair in pairs}
+    fullest = max(joints.values(), key=_positions)
+    shift, correlation, spans = 0.0, None, [_span(fullest, side) for side in (0, 1)]
     if lag is None:
         lag = 0.0
         if min(span[1] for span in spans) <= max(span[0] for span in spans):
             shift = spans[1][0] - spans[0][0]
         if not all(log.roles or CLOCK in log.topics.values() for log in (a, b)):
             lag, correlation = estimated_lag(
-                [((x.time_a, x.a['position']), (x.time_b - shift, x.b['position'])) for x in first]
+                [
+                    ((x.time, x.values['position']), (y.time - shift, y.values['position']))
+                    for x, y in fullest.values()
+                ]
             )
     if correlation is not None and correlation < WEAK:
         raise ValueError(
             f'no clear lag between {a.path} and {b.path}: at {lag:.6g} s the positions have a '
             f'correlation of {correlation:.2f}, expected at least {WEAK}: state it, as in --lag 0'
         )
-    rows: list[Difference] = []
-    curves = {}
+    curves: Curves = {}
     only = _without_partner(a, b, pairs, 0), _without_partner(b, a, pairs, 1)
-    for (topic, _), item in product(pairs, JOINT_FIELDS):
-        for joint in (joint for joint in joints if joint.topic == topic):
-            (time, left, right), missing = _aligned(joint, item, shift + lag)
-            for texts, name, count in zip(only, joint[:2], missing, strict=True):
-                if count:
-                    texts.append(f'{name}: {count} values, {item} of {joint.name}')
-            if len(time):
-                key = topic, item, joint.name
-                curves[key] = time, left, right
-                rows.append(difference(key, curves[key], tolerance))
-    if not rows:
+    for pair, found in joints.items():
+        for item in JOINT_FIELDS:
+            for name, (x, y) in found.items():
+                curve, missing = aligned(x, y._replace(time=y.time - shift - lag), item)
+                for texts, topic, count in zip(only, pair, missing, strict=True):
+                    if count:
+                        texts.append(f'{topic}: {count} values, {item} of {name}')
+                if len(curve[0]):
+                    curves[pair[0], item, name] = curve
+    if not curves:
         raise ValueError(
             f'{a.path} and {b.path} have no joint with values at common times: joints are '
             f'{listed(a[pairs[0][0]].names)} and {listed(b[pairs[0][1]].names)}, lag {lag:.6g} s'
         )
     overlap = max(float(np.ptp(time)) for time, _, _ in curves.values())
-    periods = [np.diff(time) for time in first[0][3:5] if len(time) > 1]
+    periods = [
+        np.diff(x.time) for both in [*fullest.values()][:1] for x in both if len(x.time) > 1
+    ]
     edges = abs(lag) + 2 * max((float(np.median(period)) for period in periods), default=0.0)
-    uncovered = max(end - begin for begin, end in spans) - overlap - edges
     return Comparison(
         lag,
         correlation,
         shift,
         overlap,
-        max(0.0, uncovered),
+        max(0.0, max(end - begin for begin, end in spans) - overlap - edges),
         tolerance,
-        tuple(rows),
+        tuple(difference(place, curve, tolerance) for place, curve in curves.items()),
         tuple(only[0]),
         tuple(only[1]),
         (a.complete, b.complete),
@@ -202,12 +211,8 @@ def _pairs(a: LogArrays, b: LogArrays) -> list[tuple[str, str]]:
 
 def _topics(log: LogArrays, *, by_role: bool) -> dict[str, str]:
     """Return the topics of JointStates with messages by role or name."""
-    found = [topic for topic in log if log.topics[topic] == JOINT_STATE]
-    return {
-        log.roles.get(topic, topic) if by_role else topic: topic
-        for topic in found
-        if len(log.received_ns[topic])
-    }
+    found = [t for t in log if log.topics[t] == JOINT_STATE and len(log.received_ns[t])]
+    return {log.roles.get(topic, topic) if by_role else topic: topic for topic in found}
 
 
 def _without_partner(
@@ -219,81 +224,62 @@ def _without_partner(
     every = len(pairs) > 1 or by_role or pairs[0][0] == pairs[0][1]
     found = [t for t in _topics(log, by_role=by_role).values() if every and t not in taken]
     for pair in pairs:
-        states, joints = log[pair[side]], set(other[pair[1 - side]].names)
-        if states.unreadable > other[pair[1 - side]].unreadable:
+        states, others = log[pair[side]], other[pair[1 - side]]
+        if states.unreadable > others.unreadable:
             found.append(f'{pair[side]}: {states.unreadable} messages that cannot be read')
-        found += [f'{pair[side]}: {name}' for name in states.names if name not in joints]
+        found += [f'{pair[side]}: {name}' for name in states.names if name not in others.names]
     return found
 
 
-class _Joint(NamedTuple):
-    """A joint in a topic of both logs: times [s] on one kind of clock, values by field, (k,)."""
-
-    topic: str
-    other: str
-    name: str
-    time_a: Array
-    time_b: Array
-    a: dict[str, Array]
-    b: dict[str, Array]
-
-
-def _joints(topic: str, other: str, a: TopicArrays, b: TopicArrays) -> Iterator[_Joint]:
-    """Yield the joints of both topics; their times are stamps, unless these decrease."""
+def _joints(a: TopicArrays, b: TopicArrays) -> dict[str, tuple[Track, Track]]:
+    """Return the joints of both topics; their times are stamps, unless these decrease."""
+    found = {}
     for name in (name for name in a.names if name in b.names):
-        sides = [(states, states.rows(name), states.names.index(name)) for states in (a, b)]
-        times = [states.time[rows] for states, rows, _ in sides]
-        if any((np.diff(time) < 0).any() for time in times):
-            times = [states.simulated_time[rows] for states, rows, _ in sides]
-        values = [{x: states[x][rows, k] for x in JOINT_FIELDS} for states, rows, k in sides]
-        yield _Joint(topic, other, name, *times, *values)  # type: ignore[arg-type]
+        both = track(a, name, a.time), track(b, name, b.time)
+        if any((np.diff(x.time) < 0).any() for x in both):
+            both = track(a, name, a.simulated_time), track(b, name, b.simulated_time)
+        found[name] = both
+    return found
 
 
-def _span(times: Sequence[Array]) -> tuple[float, float]:
-    known = [time for time in times if len(time)]
+def _positions(joints: dict[str, tuple[Track, Track]]) -> int:
+    return sum(int(np.isfinite(x.values['position']).sum()) for x, _ in joints.values())
+
+
+def _span(joints: dict[str, tuple[Track, Track]], side: int) -> tuple[float, float]:
+    times = [both[side].time for both in joints.values() if len(both[side].time)]
     return (
-        min((float(np.min(time)) for time in known), default=0.0),
-        max((float(np.max(time)) for time in known), default=0.0),
+        min((float(time[0]) for time in times), default=0.0),
+        max((float(time[-1]) for time in times), default=0.0),
     )
 
 
-def _aligned(joint: _Joint, item: str, offset: float) -> tuple[Curve, tuple[int, int]]:
-    """Return times, values of a and of b, and how many values only one of them has."""
-    own, one, others, two = joint.time_a, joint.a[item], joint.time_b - offset, joint.b[item]
+def aligned(a: Track, b: Track, item: str) -> tuple[Curve, tuple[int, int]]:
+    """Return a field of a joint in both logs, and how many values only a and only b has."""
+    own, one, others, two = a.time, a.values[item], b.time, b.values[item]
     finite, seen = np.isfinite(one), np.isfinite(two)
     if len(own) == len(others) and np.array_equal(own, others):
         both = finite & seen
-        return (own[both], one[both], two[both]), (
-            int((finite & ~seen).sum()),
-            int((seen & ~finite).sum()),
-        )
+        missing = int((finite & ~seen).sum()), int((seen & ~finite).sum())
+        return (own[both], one[both], two[both]), missing
     if not finite.any() or not seen.any():
         return (own[:0],) * 3, (int(finite.sum()), int(seen.sum()))
-    return _interpolated(own, one, others, two)
-
-
-def _interpolated(
-    own: Array, one: Array, others: Array, two: Array
-) -> tuple[Curve, tuple[int, int]]:
     begin, end = max(own[0], others[0]), min(own[-1], others[-1])
     # A value of one log next to a lost one of the other has no partner.
     lost, missed = (
-        time[(time >= begin) & (time <= end) & ~np.isfinite(values)]
-        for time, values in ((own, one), (others, two))
+        time[(time >= begin) & (time <= end) & ~there]
+        for time, there in ((own, finite), (others, seen))
     )
-    own, one = known(own, one)
-    others, two = known(others, two)
-    time = np.union1d(own, others)
+    left, right = known(own, one), known(others, two)
+    time = np.union1d(left[0], right[0])
     time = time[(time >= begin) & (time <= end) & ~np.isin(time, lost) & ~np.isin(time, missed)]
-    left, right = (
-        np.interp(time, *series, np.nan, np.nan) for series in ((own, one), (others, two))
-    )
-    common = np.isfinite(left) & np.isfinite(right)
-    return (time[common], left[common], right[common]), (len(missed), len(lost))
+    x, y = np.interp(time, *left, np.nan, np.nan), np.interp(time, *right, np.nan, np.nan)
+    common = np.isfinite(x) & np.isfinite(y)
+    return (time[common], x[common], y[common]), (len(missed), len(lost))
 
 
 def difference(place: tuple[str, str, str], curve: Curve, tolerance: float) -> Difference:
-    """Return the difference of a curve: time, values of a and of b, (N,)."""
+    """Return the difference of a curve at a topic, field and joint."""
     time, left, right = curve
     with np.errstate(over='ignore'):  # of a simulation that diverges
         sizes = np.nan_to_num(np.abs(left - right))

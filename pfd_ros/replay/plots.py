@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A picture of two compared logs; it needs matplotlib."""
+"""A picture of two compared motions; it needs matplotlib."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 from pfd_ros.files import new_file
 from pfd_ros.messages.joints import JOINT_UNITS
-from pfd_ros.replay.compare import Comparison
+from pfd_ros.replay.compare import Curves
 from pfd_ros.text import cut, listed
 
 # With more joints the panels would be too small to read.
@@ -33,11 +33,10 @@ def _figure() -> Any:
     return Figure
 
 
-def plot_comparison(found: Comparison, names: tuple[str, str], path: Path) -> None:
+def plot_curves(found: Curves, names: tuple[str, str], path: Path) -> None:
     """Write the curves of the first topic, a panel a joint and field, up to the twelfth joint."""
-    check_picture(path)
-    topic = found.differences[0].topic
-    chosen = {key[1:]: curves for key, curves in found.curves.items() if key[0] == topic}
+    first = next(iter(found))[0]
+    chosen = {(item, joint): x for (topic, item, joint), x in found.items() if topic == first}
     fields = list(dict.fromkeys(item for item, _ in chosen))
     joints = list(dict.fromkeys(joint for _, joint in chosen))[:MOST_JOINTS]
     figure = _figure()(figsize=(4.2 * len(fields), 1.7 * len(joints) + 1.0), layout='constrained')

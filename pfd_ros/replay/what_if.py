@@ -11,7 +11,7 @@ The new run does not wait for answers: the inputs are known.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 import os
 from pathlib import Path
@@ -40,14 +40,15 @@ from pfd_ros.arm.settings import FIELDS, SIMULATED, Settings
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
-from pfd_ros.recording.arrays import LogArrays, read_log
+from pfd_ros.recording.arrays import read_log
 from pfd_ros.recording.format import LogError, OtherLogError, damage_named
 from pfd_ros.recording.log import Log
-from pfd_ros.recording.recorder import Recorder, topic_names, totals_of
+from pfd_ros.recording.recorder import DISK_SECONDS, Recorder, topic_names, totals_of
+from pfd_ros.recording.topic_arrays import TopicArrays
+from pfd_ros.replay.bag_inputs import BagInputs
 from pfd_ros.replay.changed_settings import Changes, changed_arm, described_arm, read_changes
-from pfd_ros.replay.compare import Comparison, Curve, Curves, Difference, compare, difference
-from pfd_ros.replay.inputs import BagInputs, Run, one_bit, run_inputs
-from pfd_ros.replay.lag import Array
+from pfd_ros.replay.compare import Curves, Difference, aligned, difference, track
+from pfd_ros.replay.inputs import Input, Run, one_bit, recorded_inputs, run_inputs
 from pfd_ros.text import listed
 
 # A run has diverged beyond these: positions [rad or m], velocities [rad/s or m/s], efforts [N m
@@ -59,25 +60,21 @@ FULL = 0.25
 
 @dataclass(frozen=True)
 class WhatIf:
-    """The result of a run with something changed.
+    """The result of a run with something changed; times in s after the start.
 
     Attributes
     ----------
-    source, log
-        The recording or bag, and the log of the new run.
-    changes
-        As given.
+    source, log, changes
+        The recording or bag, the log of the new run, and the changes as given.
     robot, settings
-        Robot and settings of the new run, 'auto' resolved.
-    seconds
-        Simulated time of the new run, s.
-    states
-        Number of states in the source.
+        Of the new run, 'auto' resolved.
+    seconds, states
+        Simulated time of the new run, s; number of states in the source.
     thresholds
         One for each field.
     divergences, rounding
         Differences of the log and the new run, at the times of the log, by field and joint; and of
-        the new run and the rounding run, () without one. Times in s after the start.
+        the new run and the rounding run, () without one.
     only_in_log, only_in_arm
         Joints that only the log, or only the arm has.
     failure, failed_at
@@ -89,12 +86,10 @@ class WhatIf:
         Changed settings that inputs of the log change later, to the recorded values.
     states_topic, times
         Topic of the states, and time base of a bag: 'stamps' or 'log times'; '' for a recording.
-    complete
-        Whether the source was closed properly.
-    problems
-        Lines about what could not be read.
-    comparison
-        The log and the new run, with curves.
+    complete, problems
+        Whether the source was closed properly, and lines about what could not be read.
+    curves
+        Both motions at the times of the log.
     """
 
     source: Path
@@ -118,19 +113,34 @@ class WhatIf:
     times: str
     complete: bool
     problems: list[str]
-    comparison: Comparison = field(repr=False, compare=False)
+    curves: Curves = field(repr=False, compare=False)
+
+
+class _States(NamedTuple):
+    """States with their times since the start, (N,), ns."""
+
+    topic: str
+    found: TopicArrays
+    times_ns: NDArray[np.int64]
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        return self.times_ns / NANOSECONDS
 
 
 class _Case(NamedTuple):
-    """A changed arm, and the log whose inputs it takes."""
+    """A changed arm, the log whose inputs it takes, and the time at which its states begin, ns."""
 
-    source: Log | BagInputs
-    arrays: LogArrays
-    states: str
+    inputs: Callable[[Engine], Iterable[Input]]
+    old: _States
     settings: Settings
     robot: pfd.Robot
     urdf: str
+    start_ns: int
+    complete: bool
+    # Topics of a recording by role; the inputs of a bag.
     topics: Mapping[str, str]
+    bag: BagInputs | None = None
 
 
 def what_if(
@@ -153,12 +163,8 @@ def what_if(
         A recording of the node; with `commands` any bag.
     changes
         KEY=VALUE, parameters of the node; without any the run is repeated.
-    commands
-        Topic of commands of a bag: JointStates with efforts, or Float64MultiArrays.
-    states
-        Topic of the bag's states; default as BagInputs chooses it.
-    rename
-        New beginning of joint names of the bag, by old beginning.
+    commands, states, rename
+        Of a bag, as BagInputs takes them.
     out
         The log of the new run, by default NAME_what_if.mcap in the current folder.
     thresholds
@@ -187,34 +193,28 @@ def what_if(
         raise ValueError('--states and --rename are for bags: name a topic with --commands')
     else:
         case = _of_recording(path, read)
-    if not len(case.arrays[case.states]):
+    old = case.old.found
+    if not len(old):
         raise LogError(f'{path} holds no states, so there is nothing to compare')
     target = out or _free_path(path)
     engine = _engine(case, case.settings)
+    limits = dict(zip(JOINT_FIELDS, map(float, thresholds), strict=True))
     with damage_named(path):
         run = _recorded_run(case, engine, target, progress)
-    topic = case.topics.get(STATES) or topic_names([STATES])[STATES]
-    begins = _begins(case, engine)
-    with damage_named(path):
-        old = _from_start(case.arrays, case.states, _times_ns(case), begins[0])
-        new = _recorded_states(target, topic, begins[1])
-        if not len(new[topic]):
+        new = _new_states(case, target)
+        if not len(new.time):
             raise LogError(f'the new run, in {target}, has no states: there is nothing to compare')
-        times = old[case.states].time
-        failed_at = (run.failed_ns - begins[1]) / NANOSECONDS if run.failure else None
-        if failed_at is not None and failed_at < times[0]:
+        failed_at = (run.failed_ns - case.start_ns) / NANOSECONDS if run.failure else None
+        if failed_at is not None and failed_at < case.old.time[0]:
             raise LogError(
                 f'the simulation failed before the first recorded state: {run.failure}; the '
                 f'new run is in {target}'
             )
-        found = _up_to(failed_at, compare(old, new, topics=(case.states, topic), lag=0.0))
-        alone: Curves = {}
-        if rounding:
-            alone = _up_to(failed_at, _rounding(case, engine, new, topic, begins[1])).curves
-    limits = dict(zip(JOINT_FIELDS, map(float, thresholds), strict=True))
-    recorded, own = case.arrays[case.states], {*engine.names, *engine.locked}
-    bag = case.source if isinstance(case.source, BagInputs) else None
-    unread = f'{recorded.unreadable} messages of {case.states} cannot be read'
+        # A reset may let the new run go on.
+        until = np.inf if failed_at is None else failed_at
+        curves = _curves(case.old, new, until)
+        alone = _curves(new, _rounded_states(case, engine), until) if rounding else {}
+    own = {*engine.names, *engine.locked}
     return WhatIf(
         source=path,
         log=target,
@@ -222,28 +222,24 @@ def what_if(
         robot=case.robot.name,
         settings=engine.state.first,
         seconds=(engine.stamp_ns - engine.state.origin_ns) / NANOSECONDS,
-        states=len(recorded),
+        states=len(old),
         thresholds=tuple(limits.values()),
-        divergences=tuple(
-            # Between two recorded states efforts jump, and interpolated ones would differ.
-            difference(place, curve, limits[place[1]])
-            for place, curve in _at(times, found.curves)
-        ),
-        rounding=tuple(
-            difference(place, curve, limits[place[1]]) for place, curve in alone.items()
-        ),
-        only_in_log=tuple(name for name in recorded.names if name not in own),
-        only_in_arm=tuple(name for name in engine.names if name not in recorded.names),
+        divergences=tuple(difference(at, curve, limits[at[1]]) for at, curve in curves.items()),
+        rounding=tuple(difference(at, curve, limits[at[1]]) for at, curve in alone.items()),
+        only_in_log=tuple(name for name in old.names if name not in own),
+        only_in_arm=tuple(name for name in engine.names if name not in old.names),
         failure=run.failure,
         failed_at=failed_at,
         rejected=dict(run.rejected),
         first_rejected=run.first_rejected,
         replaced=_replaced(engine, read),
-        states_topic=case.states,
-        times=bag.times if bag else '',
-        complete=case.arrays.complete,
-        problems=[unread] if recorded.unreadable else [],
-        comparison=found,
+        states_topic=case.old.topic,
+        times=case.bag.times if case.bag else '',
+        complete=case.complete,
+        problems=[f'{old.unreadable} messages of {case.old.topic} cannot be read']
+        if old.unreadable
+        else [],
+        curves=curves,
     )
 
 
@@ -257,68 +253,47 @@ def _replaced(engine: Engine, changes: Changes) -> tuple[str, ...]:
     )
 
 
-def _up_to(end: float | None, found: Comparison) -> Comparison:
-    """Return a comparison up to the time of a failure [s], None without one.
+def _curves(one: _States, two: _States, until: float) -> Curves:
+    """Return both motions at the times of the first, up to one of them.
 
-    A reset lets the new run go on, so it may have later states.
+    Between two of them efforts jump, and interpolated ones would differ.
     """
-    if end is None:
-        return found
-    kept = {place: int(np.sum(curve[0] <= end)) for place, curve in found.curves.items()}
-    curves = {
-        place: (time[: kept[place]], left[: kept[place]], right[: kept[place]])
-        for place, (time, left, right) in found.curves.items()
-        if kept[place]
+    found: Curves = {}
+    names = [name for name in one.found.names if name in two.found.names]
+    both = {
+        name: (track(one.found, name, one.time), track(two.found, name, two.time))
+        for name in names
     }
-    return replace(found, curves=curves)
+    for item in JOINT_FIELDS:
+        for name, (left, right) in both.items():
+            (times, *values), _ = aligned(left, right, item)
+            chosen = np.isin(times, left.time) & (times <= until)
+            if chosen.any():
+                x, y = (value[chosen] for value in values)
+                found[one.topic, item, name] = times[chosen], x, y
+    return found
 
 
-def _at(times: Array, curves: Curves) -> Iterator[tuple[tuple[str, str, str], Curve]]:
-    """Yield a curve's own times and values at some times, if it has any."""
-    for place, (own, left, right) in curves.items():
-        chosen = np.isin(own, times)
-        if chosen.any():
-            yield place, (own[chosen], left[chosen], right[chosen])
+def _new_states(case: _Case, path: Path) -> _States:
+    topic = case.topics.get(STATES) or topic_names([STATES])[STATES]
+    found = read_log(path, topics=[topic])[topic]
+    return _States(topic, found, _stamps_ns(found) - case.start_ns)
 
 
-def _begins(case: _Case, engine: Engine) -> tuple[int, int]:
-    """Return the time that counts as the start in the log and in the new run, ns."""
-    first = engine.state.first
-    if isinstance(case.source, BagInputs):
-        return case.source.start_ns, first.start_ns + first.step_ns
-    if first.follows_clock:
-        # The ticks say the time of both.
-        begin = int(_times_ns(case)[0])
-        return begin, begin
-    return case.source.settings.start_ns, first.start_ns
-
-
-def _times_ns(case: _Case) -> NDArray[np.int64]:
-    states = case.arrays[case.states]
-    if isinstance(case.source, BagInputs):
-        return case.source.times_of(states)
+def _stamps_ns(states: TopicArrays) -> NDArray[np.int64]:
     assert states.stamp_ns is not None
     return states.stamp_ns
 
 
-def _recorded_states(path: Path, topic: str, begin_ns: int) -> LogArrays:
-    log = read_log(path, topics=[topic])
-    stamps = log[topic].stamp_ns
-    assert stamps is not None
-    return _from_start(log, topic, stamps, begin_ns)
-
-
-def _from_start(
-    log: LogArrays, topic: str, times_ns: NDArray[np.int64], begin_ns: int
-) -> LogArrays:
-    """Return a log whose states have the time since a start as their stamps.
-
-    Seconds since 1970 as floats would differ by up to 0.2 us.
-    """
-    seconds, rest = np.divmod(times_ns - begin_ns, NANOSECONDS)
-    stamps = {'header.stamp.sec': seconds, 'header.stamp.nanosec': rest}
-    found = replace(log[topic], arrays={**log[topic].arrays, **stamps})
-    return replace(log, read={topic: found})
+def _rounded_states(case: _Case, engine: Engine) -> _States:
+    """Return the states of the rounding run."""
+    first = engine.state.first
+    start = one_bit(np.array(first.initial_positions or (0.0,) * case.robot.n))
+    nudged = _engine(case, replace(first, initial_positions=tuple(start.tolist())))
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder, 'rounding.mcap')
+        _recorded_run(case, nudged, target, None, nudged=True)
+        return _new_states(case, target)
 
 
 def _free_path(source: Path) -> Path:
@@ -330,6 +305,12 @@ def _free_path(source: Path) -> Path:
     raise FileExistsError(f'{path} exists and is not overwritten; name a file with --out')
 
 
+def _untied(settings: Settings) -> Settings:
+    """Return settings of an arm that waits for nobody, recorded in simulated time."""
+    free = replace(settings, lockstep=False, wait_for_controller=False)
+    return replace(free, recording='', recording_time=SIMULATED)
+
+
 def _of_recording(path: Path, changes: Changes) -> _Case:
     try:
         log = Log(path)
@@ -338,28 +319,36 @@ def _of_recording(path: Path, changes: Changes) -> _Case:
             f'{error}; for the commands of a bag name their topic with --commands'
         ) from None
     settings, robot, urdf = changed_arm(log, changes)
-    if 'robot' not in changes.values:
-        urdf = log.description
-    states = log.topics[STATES]
-    arrays = read_log(path, topics=[states], unreadable='count')
-    return _Case(log, arrays, states, _untied(settings), robot, urdf, log.topics)
-
-
-def _untied(settings: Settings) -> Settings:
-    """Return settings of an arm that waits for nobody, recorded in simulated time."""
-    free = replace(settings, lockstep=False, wait_for_controller=False)
-    return replace(free, recording='', recording_time=SIMULATED)
+    topic = log.topics[STATES]
+    arrays = read_log(path, topics=[topic], unreadable='count')
+    stamps = _stamps_ns(arrays[topic])
+    begins = log.settings.start_ns, settings.start_ns
+    if settings.follows_clock and len(stamps):
+        # The ticks say the time of both.
+        begins = int(stamps[0]), int(stamps[0])
+    return _Case(
+        lambda engine: recorded_inputs(log, engine),
+        _States(topic, arrays[topic], stamps - begins[0]),
+        _untied(settings),
+        robot,
+        urdf if 'robot' in changes.values else log.description,
+        begins[1],
+        arrays.complete,
+        log.topics,
+    )
 
 
 def _of_bag(
     path: Path, changes: Changes, commands: str, states: str, rename: Mapping[str, str]
 ) -> _Case:
     settings, robot, urdf = described_arm(changes)
-    arrays = read_log(path, types=(JOINT_STATE, FLOAT_ARRAY), unreadable='count')
-    inputs = BagInputs(arrays, commands, states, rename)
+    log = read_log(path, types=(JOINT_STATE, FLOAT_ARRAY), unreadable='count')
+    bag = BagInputs(log, commands, states, rename)
     given = 'start_time' in changes.values
-    settings = inputs.settled(_untied(settings), robot.joint_names, given=given)
-    return _Case(inputs, inputs.log, inputs.states, settings, robot, urdf, {})
+    settings = bag.settled(_untied(settings), robot.joint_names, given=given)
+    start_ns = settings.start_ns + settings.step_ns
+    old = _States(bag.topic, bag.states, bag.times_ns - bag.start_ns)
+    return _Case(bag.inputs, old, settings, robot, urdf, start_ns, log.complete, {}, bag)
 
 
 def _engine(case: _Case, settings: Settings) -> Engine:
@@ -381,29 +370,28 @@ def _recorded_run(
     *,
     nudged: bool = False,
 ) -> Run:
-    """Run an arm under the inputs of the log, and record it."""
-    source = case.source
+    """Run an arm under the inputs of the log, and record it; without a result no file is left."""
     named = topic_names(engine.roles)
     topics = named | {role: topic for role, topic in case.topics.items() if role in named}
     recorder = Recorder(target, engine, topics, lambda line: None)
-    first, stamps = engine.stamp_ns, case.arrays[case.states].time
-    whole = max(1.0, (stamps[-1] - stamps[0]) * NANOSECONDS)
+    first, whole = engine.stamp_ns, max(1.0, float(np.ptp(case.old.times_ns)))
 
     def put(messages: Sequence[Message], stamp_ns: int) -> None:
         recorder.put(messages, stamp_ns)
-        while recorder.waiting_share > FULL:
+        until = time.monotonic() + DISK_SECONDS
+        while recorder.waiting_share > FULL and time.monotonic() < until:
             time.sleep(0.01)
-        if recorder.error:
-            raise OSError(recorder.error)
+        if recorder.error or recorder.waiting_share > FULL:
+            raise OSError(recorder.error or f'{target}: the disk is too slow')
         if progress is not None and engine.state.cycle % 1024 == 0:
             progress(min(1.0, (stamp_ns - first) / whole))
 
     try:
         if engine.frames is not None:
             put(engine.frames.opening(engine.stamp_ns), engine.stamp_ns)
-        found = run_inputs(source, engine, put, nudged=nudged)
-        if isinstance(source, BagInputs):
-            source.check(found)
+        found = run_inputs(case.inputs(engine), engine, put, nudged=nudged)
+        if case.bag is not None:
+            case.bag.check(found)
         recorder.close(totals_of(engine))
         if recorder.error:
             raise OSError(recorder.error)
@@ -416,23 +404,9 @@ def _recorded_run(
     return found
 
 
-def _rounding(
-    case: _Case, engine: Engine, new: LogArrays, topic: str, begin_ns: int
-) -> Comparison:
-    """Return the new run compared with its rounding run."""
-    first = engine.state.first
-    start = one_bit(np.array(first.initial_positions or (0.0,) * case.robot.n))
-    nudged = _engine(case, replace(first, initial_positions=tuple(start.tolist())))
-    with tempfile.TemporaryDirectory() as folder:
-        target = Path(folder, 'rounding.mcap')
-        _recorded_run(case, nudged, target, None, nudged=True)
-        other = _recorded_states(target, topic, begin_ns)
-        return compare(new, other, topics=(topic, topic), lag=0.0)
-
-
 def as_json(found: WhatIf) -> dict[str, Any]:
     """Return a result without settings and curves, ready for JSON."""
-    left_out = {'settings', 'comparison'}
+    left_out = {'settings', 'curves'}
     values = {f.name: getattr(found, f.name) for f in fields(found) if f.name not in left_out}
     return values | {
         'source': str(found.source),

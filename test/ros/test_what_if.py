@@ -444,7 +444,7 @@ def test_a_run_that_overflows_says_when(swing: Path) -> None:
     assert found.failed_at == pytest.approx(0.001)
     assert any(line.startswith('FAILED') and '0.001' in line for line in what_if_lines(found))
     for joint in NAMES:
-        times, _, _ = found.comparison.curves[STATES, 'position', joint]
+        times, _, _ = found.curves[STATES, 'position', joint]
         assert times[-1] <= 0.001
     # The other way round: the states of the failed arm are there, and the new run continues.
     back = what_if(found.log, ['damping=[0, 0]'])
@@ -462,7 +462,7 @@ def test_nothing_after_a_failure_is_compared_though_a_reset_lets_the_arm_go_on(
     assert read_log(found.log)[STATES].time[-1] > 0.1
     for item in (*found.divergences, *found.rounding):
         assert item.largest_at <= found.failed_at
-    for times, _, _ in found.comparison.curves.values():
+    for times, _, _ in found.curves.values():
         assert times[-1] <= found.failed_at
 
 
@@ -741,7 +741,7 @@ def test_efforts_between_two_steps_act_from_the_next_one_on(tmp_path: Path) -> N
     np.testing.assert_array_equal(new.effort[1:13, 0], acting)
     # At 5.2 ms the new run is between two steps.
     between = 0.8 * wanted[4] + 0.2 * wanted[5]
-    times_of, _, other = found.comparison.curves['/s', 'position', 'shoulder']
+    times_of, _, other = found.curves['/s', 'position', 'shoulder']
     (place,) = np.flatnonzero(np.isclose(times_of, 0.0052, atol=1e-9))
     assert other[place] == pytest.approx(between[0], abs=ROUNDING)
 

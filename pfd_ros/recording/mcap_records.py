@@ -38,23 +38,20 @@ MAGIC = b'\x89MCAP0\r\n'
 RECORD_BYTES, TEXT_BYTES, CHANNELS = 1 << 28, 1 << 22, 4096
 # Bounds of all unpacked chunks: so many times the file, and bytes beyond that.
 EXPANSION, SLACK_BYTES = 200, 1 << 24
-_PIECE = 1 << 20
 FRAME, _PREFIX = struct.Struct('<BQ'), struct.Struct('<HIQQ')
-_TEXTS: dict[int, Any] = {
+_PARSERS: dict[int, Any] = {
     Opcode.HEADER: kinds.Header,
+    Opcode.FOOTER: Footer,
     Opcode.SCHEMA: Schema,
     Opcode.CHANNEL: Channel,
-    Opcode.METADATA: kinds.Metadata,
-}
-_PARSERS: dict[int, Any] = _TEXTS | {
-    Opcode.FOOTER: Footer,
     Opcode.CHUNK: Chunk,
     Opcode.ATTACHMENT: kinds.Attachment,
+    Opcode.METADATA: kinds.Metadata,
     Opcode.DATA_END: kinds.DataEnd,
 }
+_LARGE = {Opcode.CHUNK, Opcode.ATTACHMENT}
 # First bytes of files that are taken for logs, and what to do with them.
 FOREIGN = {
-    b'': 'is empty (0 bytes)',
     b'version https://git-lfs': 'is a Git LFS pointer, not the file: run `git lfs pull`',
     b'#ROSBAG V': 'is a ROS 1 bag: convert it with `rosbags-convert --src FILE --dst FOLDER`',
     b'\x1f\x8b': 'is compressed by gzip: unpack it with `gunzip`',
@@ -86,7 +83,7 @@ def records(path: Path | str, *, expansion: float = EXPANSION) -> Iterator[McapR
         If it cannot be read.
     """
     with opened(path) as stream:
-        begin = stream.read(len(MAGIC) + 64)
+        begin = stream.read(64)
         if not begin or not begin.startswith(MAGIC[: len(begin)]):
             raise LogError(f'{path} {foreign(begin)}')
         stream.seek(0)
@@ -97,15 +94,16 @@ def records(path: Path | str, *, expansion: float = EXPANSION) -> Iterator[McapR
             raise LogError(one_line(f'{path}: {error}')) from None
         # RuntimeError is lz4's.
         except (McapError, zstandard.ZstdError, RuntimeError, ValueError, OverflowError) as error:
-            raise LogError(
-                one_line(f'{path} is damaged near byte {reader.place}: {error}')
-            ) from error
+            where = f'{path} is damaged near byte {reader.place}'
+            raise LogError(one_line(f'{where}: {error}')) from error
 
 
 def foreign(begin: bytes) -> str:
     """Return what a file that is not MCAP is, by its first bytes, and what to do with it."""
+    if not begin:
+        return 'is empty (0 bytes)'
     for prefix, text in FOREIGN.items():
-        if begin.startswith(prefix) if prefix else not begin:
+        if begin.startswith(prefix):
             return text
     words = begin.decode('ascii', 'replace')
     if words.isascii() and all(c.isprintable() or c.isspace() for c in words):
@@ -128,9 +126,6 @@ def _all(reader: _Reader, size: int, expansion: float) -> Iterator[McapRecord]:
     left, footer = SLACK_BYTES + expansion * size, None
     try:
         for found in reader.records:
-            if isinstance(found, Footer):
-                footer = found
-                continue
             inner: Iterable[McapRecord] = (found,)
             if isinstance(found, Chunk):
                 left -= found.uncompressed_size
@@ -146,9 +141,12 @@ def _all(reader: _Reader, size: int, expansion: float) -> Iterator[McapRecord]:
                     known.add((type(record), record.id))
                     if len(known) > 2 * CHANNELS:
                         raise LogError(f'more than {CHANNELS} channels')
-                yield record
+                if isinstance(record, Footer):
+                    footer = record
+                else:
+                    yield record
     except (EndOfFile, struct.error):  # a cut, unless the file has its end
-        if reader.ends_with_magic:
+        if reader.ends_with_magic():
             raise ValueError('a record is longer than the file') from None
         return
     if reader.place != size:
@@ -163,7 +161,7 @@ class _Fields(ReadDataStream):
     def read(self, length: int) -> bytes:
         data = super().read(length)
         if len(data) < length:
-            raise ValueError('a record ends within a field')
+            raise EndOfFile
         return data
 
     def read_prefixed_string(self) -> str:
@@ -184,32 +182,29 @@ class _Reader(StreamReader):
         """Bytes read so far."""
         return int(self._stream.count)
 
-    @property
     def ends_with_magic(self) -> bool:
-        """Whether the file ends as a complete one; reading cannot go on afterwards."""
+        """Return whether the file ends as a complete one; reading cannot go on afterwards."""
         end = self._file.seek(0, os.SEEK_END)
         self._file.seek(max(0, end - len(MAGIC)))
         return end > len(MAGIC) and self._file.read() == MAGIC
 
     def _read_record(self, opcode: int, length: int) -> McapRecord | None:
-        if opcode != Opcode.MESSAGE and opcode not in _PARSERS:
-            while length > 0:  # an index, or of a later version, or private
-                length -= len(self._stream.read(min(length, _PIECE)))
-            return None
         body = self._stream.read(length)
         if len(body) < length:
             raise EndOfFile
         return parsed(opcode, body)
 
 
-def parsed(opcode: int, body: bytes) -> McapRecord:
-    """Return the record of a body."""
+def parsed(opcode: int, body: bytes) -> McapRecord | None:
+    """Return the record of a body; None for an index, a later version's, or a private one."""
     if opcode == Opcode.MESSAGE:
         if len(body) < _PREFIX.size:
             raise ValueError('a message ends within its head')
         channel, sequence, log_ns, publish_ns = _PREFIX.unpack_from(body)
         return Message(channel, log_ns, body[_PREFIX.size :], publish_ns, sequence)
-    if opcode in _TEXTS and len(body) > TEXT_BYTES:
+    if opcode not in _PARSERS:
+        return None
+    if opcode not in _LARGE and len(body) > TEXT_BYTES:
         name = Opcode(opcode).name
         raise LogError(f'a record {name} has {len(body)} bytes, expected at most {TEXT_BYTES}')
     fields = _Fields(BytesIO(body))
@@ -226,19 +221,16 @@ def parsed(opcode: int, body: bytes) -> McapRecord:
 
 def unpacked(chunk: Chunk) -> bytes:
     """Return the records of a chunk, whose size and checksum were stated."""
-    size = chunk.uncompressed_size
-    packed = BytesIO(chunk.data)
+    size, data = chunk.uncompressed_size, chunk.data
     if chunk.compression == 'zstd':
         unpacker = zstandard.ZstdDecompressor(max_window_size=1 << 27)
-        with unpacker.stream_reader(packed, read_across_frames=True) as stream:
+        with unpacker.stream_reader(BytesIO(data), read_across_frames=True) as stream:
             data = stream.read(size + 1)
     elif chunk.compression == 'lz4':
-        with lz4.frame.LZ4FrameFile(packed) as stream:
+        with lz4.frame.LZ4FrameFile(BytesIO(data)) as stream:
             data = stream.read(size + 1)
     elif chunk.compression:
         raise ValueError(f'compression {cut(chunk.compression)!r}, expected zstd, lz4 or none')
-    else:
-        data = chunk.data
     if len(data) != size or chunk.uncompressed_crc not in (0, zlib.crc32(data)):
         raise ValueError('a chunk has another size or checksum than its record')
     return data
@@ -256,8 +248,10 @@ def records_of(data: bytes) -> Iterator[McapRecord]:
         at = begin + length
         if at > size:
             raise ValueError('a record is longer than its chunk')
-        if opcode == message and length >= head:
+        if opcode == message and length >= head:  # most of them, so here
             channel, sequence, log_ns, publish_ns = prefix(data, begin)
             yield Message(channel, log_ns, data[begin + head : at], publish_ns, sequence)
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
-            yield parsed(opcode, data[begin:at])
+            record = parsed(opcode, data[begin:at])
+            if record is not None:
+                yield record

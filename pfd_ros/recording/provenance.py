@@ -17,6 +17,8 @@ from pfd_ros.text import cut
 
 # The commit of the software, and the digest of the compiled program, beside the versions.
 COMMIT, PROGRAM, PROCESSOR = 'commit', 'program', 'cpu'
+# The software whose versions may change the bits.
+DECISIVE = ('pfd', 'numpy', 'llvmlite')
 
 
 def versions() -> dict[str, str]:

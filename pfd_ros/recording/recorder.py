@@ -277,6 +277,7 @@ def totals_of(engine: Engine) -> dict[str, Any]:
         'cycles': state.cycle,
         'steps': state.step,
         'failure': state.failure,
+        'failures': state.failures,
         'reflex': state.tripped,
         'trips': state.trips,
         'timeouts': state.timeouts,

@@ -10,8 +10,7 @@ output that it computes must be the next one of the file.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterator
-from dataclasses import fields, is_dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 import struct
 from typing import Any, NamedTuple
@@ -22,7 +21,7 @@ import numpy as np
 from pfd_ros.arm.description import link_frames
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import ASIDES, INPUTS, REJECTED, ROLES, STATES, Message
-from pfd_ros.messages.definitions import known_types
+from pfd_ros.messages.definitions import MessageType
 from pfd_ros.recording.format import EndKey, LogError, damage_named
 from pfd_ros.recording.log import Log
 from pfd_ros.recording.provenance import cause
@@ -106,13 +105,14 @@ def _verified(log: Log, engine: Engine) -> Verified:
         advance(cycle)
         if not taken:
             own = computed.popleft() if computed else None
-            if own != message:
-                _compare(message, own, engine)
+            if own != message and (why := _difference(message, own, engine)):
+                raise DifferenceError(f'cycle {number}{why}')
         elif not computed and engine.state.cycle == cycle:
             # The rejection, if any; not the input itself.
             computed.extend([m for m in engine.step([message], run=False)[0] if m.role != role])
         else:
-            raise DifferenceError(f'cycle {number}: recorded {role}, {_only(computed, engine)}')
+            own = computed[0] if computed else None
+            raise DifferenceError(f'cycle {number}: recorded {role}, {_only(own, engine)}')
     if log.end:
         counted, last = log.end[EndKey.RECORDED], log.end[EndKey.TOTALS]['cycles']
         if counted != compared:
@@ -121,7 +121,8 @@ def _verified(log: Log, engine: Engine) -> Verified:
             raise LogError(f'{log.path}: its messages were altered: their checksum differs')
         advance(last)
         if computed or engine.state.cycle != last:
-            raise DifferenceError(f'end: recorded {last} cycles, {_only(computed, engine)}')
+            own = computed[0] if computed else None
+            raise DifferenceError(f'end: recorded {last} cycles, {_only(own, engine)}')
     return Verified(compared, engine.state.cycle, log.complete)
 
 
@@ -136,58 +137,49 @@ def _altered(log: Log) -> bool | None:
     return log.end[EndKey.CRC] != crc if log.end else None
 
 
-def _only(computed: deque[Message], engine: Engine) -> str:
-    if computed:
-        return f'replayed {computed[0].role} of cycle {computed[0].cycle}'
+def _only(computed: Message | None, engine: Engine) -> str:
+    if computed is not None:
+        return f'replayed {computed.role} of cycle {computed.cycle}'
     waits = ', where the arm waits for an input' if engine.waiting else ''
     return f'replayed nothing after cycle {engine.state.cycle}{waits}'
 
 
-def _compare(recorded: Message, computed: Message | None, engine: Engine) -> None:
-    """Raise DifferenceError for two messages that differ, but for words of a rejection."""
-    role, where = recorded.role, f'cycle {recorded.cycle}'
+def _difference(recorded: Message, computed: Message | None, engine: Engine) -> str:
+    """Return the first difference of two messages, '' for one in the words of a rejection."""
+    role = recorded.role
     if computed is None or (computed.role, computed.cycle) != (role, recorded.cycle):
-        found = _only(deque([computed] if computed else ()), engine)
-        raise DifferenceError(f'{where}: recorded {role}, {found}')
-    other = _decoded(role, computed.data)
+        return f': recorded {role}, {_only(computed, engine)}'
+    kind = MessageType(ROLES[role].type)
+    other = kind.decode(computed.data)
     try:
-        one = _decoded(role, recorded.data)
+        one = kind.decode(recorded.data)
     except Exception as error:  # the bytes may be anything
-        why = f'the recorded message cannot be decoded: {error}'
-        raise DifferenceError(f'{where}, {role}: {why}') from None
+        return f', {role}: the recorded message cannot be decoded: {error}'
     if role == REJECTED:
-        one.data, other.data = one.data.partition('\n')[0], other.data.partition('\n')[0]
-        if one.data == other.data:
-            return
-    found = next(_differences('', one, other, other), 'the same values in other bytes')
-    raise DifferenceError(f'{where}, {role}: {found}')
+        one, other = ({'data': x['data'].partition('\n')[0]} for x in (one, other))
+        if one == other:
+            return ''
+    names = other.get('name', ())
+    left, right = ({k: v for x in y.items() for k, v in _leaves(*x, names)} for y in (one, other))
+    for path in left | right:
+        found, wanted = _shown(left.get(path)), _shown(right.get(path))
+        if found != wanted:
+            return f', {role}: {path}: recorded {found}, replayed {wanted}'
+    return f', {role}: the same values in other bytes'
 
 
-def _decoded(role: str, data: bytes) -> Any:
-    return known_types().deserialize_cdr(data, ROLES[role].type)
+def _leaves(path: str, value: Any, names: Sequence[str] = ()) -> Iterator[tuple[str, Any]]:
+    """Yield the single values of a field by their paths; those of joints by name."""
+    if not isinstance(value, list | np.ndarray):
+        yield path, value
+        return
+    for k, entry in enumerate(value):
+        label = repr(names[k]) if k < len(names) and path != 'name' else k
+        yield from _leaves(f'{path}[{label}]', entry)
 
 
-def _differences(name: str, one: Any, other: Any, message: Any) -> Iterator[str]:
-    """Yield the values that differ, by the names of their fields; numbers by their bits."""
-    if is_dataclass(other):
-        for field in fields(other):
-            if not field.name.startswith('__'):
-                path = f'{name}.{field.name}' if name else field.name
-                yield from _differences(
-                    path, getattr(one, field.name), getattr(other, field.name), message
-                )
-    elif isinstance(other, list | np.ndarray):
-        if len(one) != len(other):
-            yield f'{name} has {len(one)} values, replayed {len(other)}'
-            return
-        joints = getattr(message, 'name', ())
-        for k, (a, b) in enumerate(zip(one, other, strict=True)):
-            label = repr(joints[k]) if len(joints) == len(other) and name != 'name' else k
-            yield from _differences(f'{name}[{label}]', a, b, message)
-    elif isinstance(other, float):
-        bits = [struct.pack('>d', value).hex() for value in (one, other)]
-        if bits[0] != bits[1]:
-            values = (f'{float(v)!r} (0x{b})' for v, b in zip((one, other), bits, strict=True))
-            yield '{}: recorded {}, replayed {}'.format(name, *values)
-    elif one != other:
-        yield f'{name}: recorded {cut(repr(one))}, replayed {cut(repr(other))}'
+def _shown(value: Any) -> str:
+    """Return a value as a text that has all its bits."""
+    if isinstance(value, float):
+        return f'{float(value)!r} (0x{struct.pack(">d", value).hex()})'
+    return 'nothing' if value is None else cut(repr(value))

@@ -31,7 +31,7 @@ def test_a_recording_of_the_past_has_the_same_bits(path: Path) -> None:
 def test_the_recordings_have_several_arms_all_inputs_and_every_reason_to_refuse_one() -> None:
     assert len(LOGS) == 5
     found = [summarize_log(path) for path in LOGS]
-    assert len({summary.settings.robot for summary in found}) >= 3
+    assert len({summary.log.settings.robot for summary in found}) >= 3
     counts = sum((summary.counts for summary in found), Counter())
     # An arm that follows no clock takes no ticks.
     assert counts.keys() & INPUTS == INPUTS - {'clock_ticks'}

@@ -520,7 +520,7 @@ def test_the_summary_counts_messages_rejections_and_times(tmp_path: Path) -> Non
     assert found.rejected == {'commands wrong_size': 1, 'joint_commands not_finite': 1} or (
         found.rejected == {'commands wrong_size': 1, 'joint_commands infinite': 1}
     )
-    assert (found.cycles, found.failure, found.complete) == (60, '', True)
+    assert (found.cycles, found.totals['failure'], found.log.complete) == (60, '', True)
     lines = summary_lines(found)
     assert lines[0].endswith('run.mcap: planar2')
     assert any(line.split()[:3] == ['cycles', '60', 'of'] for line in lines)
@@ -540,7 +540,7 @@ def test_the_summary_counts_floods_and_names_a_failure(tmp_path: Path) -> None:
     found = summarize_log(path)
     assert found.counts['commands'] < 20
     assert sum(found.rejected.values()) == 20
-    assert found.failure == run.engine.state.failure != ''
+    assert found.totals['failure'] == run.engine.state.failure != ''
     assert any(line.startswith('FAILED') for line in summary_lines(found))
 
 

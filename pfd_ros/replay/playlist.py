@@ -15,7 +15,7 @@ named by the caller is published.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import math
 from pathlib import Path
@@ -31,14 +31,14 @@ from pfd_ros.messages.definitions import known_types
 from pfd_ros.messages.qos import Qos, offered_qos
 from pfd_ros.messages.topics import message_class
 from pfd_ros.recording.arrays import roles_of
-from pfd_ros.recording.bags import Bag, BagTopic
+from pfd_ros.recording.bags import Bag, BagMessage, BagTopic, in_order
 from pfd_ros.recording.format import MESSAGE_ENCODING
 from pfd_ros.replay.schedule import Window
 from pfd_ros.text import cut, listed
 
-# A longer gap of the log is reported.
-GAP_NS = 10 * NANOSECONDS
-
+CLOCK = '/clock'
+# A longer gap of the log is reported; a Clock has 31 bits for the seconds.
+GAP_NS, CLOCK_NS = 10 * NANOSECONDS, (1 << 31) * NANOSECONDS
 # Last names of the topics that the node `sim_arm` subscribes to, but for the clock.
 INPUT_NAMES = frozenset(
     ROLES[role].topic.rpartition('/')[2]
@@ -90,9 +90,8 @@ class PlayOptions:
 
 
 class Played(NamedTuple):
-    """A topic of the log and the topic it is published on."""
+    """What a topic of the log is published as."""
 
-    name: str
     published: str
     type: str
     qos: Qos
@@ -101,14 +100,20 @@ class Played(NamedTuple):
 class Playlist(NamedTuple):
     """The published part of a log, and lines that its user has to know.
 
-    In the file a message is up to `late_ns` earlier than one before it.
+    `tick_ns` is the period of a clock, None without one. In the file a message is up to `late_ns`
+    earlier than one before it.
     """
 
     bag: Bag
     topics: dict[str, Played]
     window: Window
+    tick_ns: int | None
     late_ns: int
     lines: list[str]
+
+    def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
+        """Yield the messages of some topics in the order of their log times."""
+        return in_order(self.bag.messages(topics), self.late_ns)
 
 
 def playlist(path: Path, options: PlayOptions, stopped: Callable[[], bool]) -> Playlist | None:
@@ -143,7 +148,15 @@ def playlist(path: Path, options: PlayOptions, stopped: Callable[[], bool]) -> P
     if len(gaps) and gaps.max() > GAP_NS:
         at = (ordered[gaps.argmax()] - ordered[0]) / NANOSECONDS
         lines.append(f'longest gap of the log: {gaps.max() / NANOSECONDS:.3f} s after {at:.3f} s')
-    return Playlist(bag, topics, window, late_ns, lines)
+    tick_ns = None
+    if options.clock_hz is not None:
+        if any(topic.published == CLOCK for topic in topics.values()):
+            lines.append(f'Ignoring --clock: the log contains {CLOCK}')
+        elif window.end_ns > CLOCK_NS:
+            raise ValueError(f'log times up to {window.end_ns} ns exceed the range of {CLOCK}')
+        else:
+            tick_ns = round(NANOSECONDS / options.clock_hz)
+    return Playlist(bag, topics, window, tick_ns, late_ns, lines)
 
 
 def _window(path: Path, options: PlayOptions, first_ns: int, last_ns: int) -> Window:
@@ -189,7 +202,7 @@ def choose(
         if obstacle:
             notes.append(f'not published: {cut(name)}: {obstacle}')
             continue
-        chosen[name] = Played(name, names.get(name, name), topic.type, _qos(topic, notes))
+        chosen[name] = Played(names.get(name, name), topic.type, _qos(topic, notes))
     if withheld:
         notes.append(
             f'Not publishing {len(withheld)} command topics: {listed(withheld)}. Name them in '
@@ -198,10 +211,10 @@ def choose(
     if not chosen:
         raise ValueError(f'{bag.path} has nothing to publish: {"; ".join(notes) or "no topics"}')
     kinds: dict[str, str] = {}
-    for played in chosen.values():
+    for name, played in chosen.items():
         if kinds.setdefault(played.published, played.type) != played.type:
             raise ValueError(
-                f'{cut(played.name)!r} has type {played.type}, but {cut(played.published)!r} '
+                f'{cut(name)!r} has type {played.type}, but {cut(played.published)!r} '
                 f'has type {kinds[played.published]}'
             )
     return chosen, notes

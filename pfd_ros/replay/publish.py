@@ -38,21 +38,21 @@ from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.numbers import encode_clock
 from pfd_ros.messages.qos import MOST_DEPTH, Qos
 from pfd_ros.messages.topics import message_class
-from pfd_ros.recording.bags import BagMessage, in_order
+from pfd_ros.recording.bags import BagMessage
 from pfd_ros.recording.format import LogError
-from pfd_ros.replay.playlist import KNOWN_QOS, Played, Playlist, PlayOptions, playlist
-from pfd_ros.replay.schedule import RATES, Jump, Schedule, Send, Tick
+from pfd_ros.replay.playlist import CLOCK, KNOWN_QOS, Playlist, PlayOptions, playlist
+from pfd_ros.replay.schedule import RATES, Event, Schedule, Send, Tick
 from pfd_ros.text import cut, one_line
 
-NAME, CLOCK_TOPIC = 'log_player', '/clock'
+NAME = 'log_player'
 # Subscriptions that exist find the publishers within this time, before the first message.
 DISCOVERY_SECONDS = 1.0
 # Longest wait for the acknowledgement of the last messages, and between looks at signals.
 END_SECONDS, SLICE_SECONDS = 2.0, 0.1
 # While messages are late, callbacks run this often; a look for them takes 0.1 ms.
 SERVE_NS, LATE_NS = 10_000_000, 10_000_000
-# A Clock has 31 bits for the seconds. A shell adds the number of a signal to this status.
-CLOCK_SECONDS, STATUS_BASE = 1 << 31, 128
+# A shell adds the number of a signal to this status.
+STATUS_BASE = 128
 # Of the middleware; other errors are of this program, and end it with their traceback.
 ERRORS = (RCLError, RMWError, NameValidationException)
 
@@ -77,18 +77,10 @@ def play(path: Path, options: PlayOptions, stop: Stop) -> int:
         return STATUS_BASE + stop.number
     for line in found.lines:
         _say(line)
-    ticks = options.clock_hz is not None
-    if ticks and any(topic.published == CLOCK_TOPIC for topic in found.topics.values()):
-        _say(f'Ignoring --clock: the log contains {CLOCK_TOPIC}')
-        ticks = False
-    if ticks and found.window.end_ns > CLOCK_SECONDS * NANOSECONDS:
-        raise ValueError(
-            f'log times up to {found.window.end_ns} ns exceed the range of {CLOCK_TOPIC}'
-        )
     try:
         try:
             rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-            player = _Player(found, options, ticks, stop)
+            player = _Player(found, options, stop)
         except ERRORS as error:
             raise ValueError(f'ROS: {error}') from error
         try:
@@ -106,21 +98,30 @@ def _say(line: str) -> None:
 class _Player:
     """The node, its publishers and the schedule."""
 
-    def __init__(self, found: Playlist, options: PlayOptions, ticks: bool, stop: Stop) -> None:
+    def __init__(self, found: Playlist, options: PlayOptions, stop: Stop) -> None:
         self.node = Node(NAME)
-        self._found, self._options, self._window, self._stop = found, options, found.window, stop
+        self._found, self._loop, self._stop = found, options.loop, stop
         self._executor: Any = EventsExecutor()
         self._executor.add_node(self.node)
         self._publishers: dict[str, Any] = {}
-        for played in found.topics.values():
-            self._publish_on(played)
+        for name, played in found.topics.items():
+            try:
+                self._publishers[name] = self.node.create_publisher(
+                    message_class(played.type),
+                    played.published,
+                    profile_of(played.qos),
+                    event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+                )
+            except (ImportError, AttributeError, *ERRORS) as error:
+                if played.published != name:
+                    raise ValueError(f'--remap {cut(name)}: {error}') from error
+                _say(f'not published: {cut(name)}: {error}')
         if not self._publishers:
             raise ValueError(f'{found.bag.path} has no topic to publish; --topics names commands')
         self._clock: Any = None
-        if ticks:
-            self._clock = self.node.create_publisher(
-                Clock, CLOCK_TOPIC, profile_of(KNOWN_QOS['clock'])
-            )
+        if found.tick_ns is not None:
+            profile = profile_of(KNOWN_QOS['clock'])
+            self._clock = self.node.create_publisher(Clock, CLOCK, profile)
         self.node.create_service(SetBool, '~/pause', self._on_pause)
         self.node.create_service(Trigger, '~/step', self._on_step)
         for name, value, meaning in (
@@ -134,38 +135,21 @@ class _Player:
         self._sent = self._late = self._longest_late_ns = self._served_ns = 0
         # Why messages could not be read.
         self._failure: Exception | None = None
+        latched = {name: x for name, x in found.topics.items() if x.qos.transient_local}
         self._schedule = Schedule(
             self._messages,
-            {
-                name: profile_of(topic.qos).depth
-                for name, topic in found.topics.items()
-                if topic.qos.transient_local
-            },
+            {name: profile_of(topic.qos).depth for name, topic in latched.items()},
             found.window,
             rate=options.rate,
             loop=options.loop,
             paused=options.start_paused,
-            tick_ns=round(NANOSECONDS / options.clock_hz) if ticks and options.clock_hz else None,
+            tick_ns=found.tick_ns,
         )
-
-    def _publish_on(self, played: Played) -> None:
-        try:
-            self._publishers[played.name] = self.node.create_publisher(
-                message_class(played.type),
-                played.published,
-                profile_of(played.qos),
-                event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
-            )
-        except (ImportError, AttributeError, *ERRORS) as error:
-            if played.published != played.name:
-                raise ValueError(f'--remap {cut(played.name)}: {error}') from error
-            _say(f'not published: {cut(played.name)}: {error}')
 
     def _messages(self) -> Iterator[BagMessage]:
         """Yield the messages to publish, up to a signal."""
         try:
-            messages = self._found.bag.messages(self._publishers)
-            for message in in_order(messages, self._found.late_ns):
+            for message in self._found.messages(self._publishers):
                 if self._stop.is_set():
                     return
                 yield message
@@ -181,34 +165,29 @@ class _Player:
         begun = time.monotonic()
         _say(f'{"paused" if self._schedule.paused else "begin"} at {self._position()}')
         while not (self._schedule.ended or self._stop.is_set() or self._failure):
-            self._step(self._schedule)
+            self._publish_due()
         if self._failure is not None:
             raise self._failure
         interrupted = self._stop.is_set()
         if not interrupted:
             self._wait_for_readers()
-        _say(
-            f'published {self._sent} messages in {time.monotonic() - begun:.3f} s, up to '
-            f'{self._position()}'
-        )
-        worst = self._longest_late_ns * 1e-6
+        seconds, worst = time.monotonic() - begun, self._longest_late_ns * 1e-6
+        _say(f'published {self._sent} messages in {seconds:.3f} s, up to {self._position()}')
         count = self._late or 'no'
         _say(f'{count} messages were more than {LATE_NS * 1e-6:g} ms late, at most {worst:.1f} ms')
-        if interrupted and not self._options.loop:
-            return STATUS_BASE + self._stop.number
-        return 0
+        return STATUS_BASE + self._stop.number if interrupted and not self._loop else 0
 
-    def _step(self, schedule: Schedule) -> None:
+    def _publish_due(self) -> None:
         """Publish the messages that are due, or wait for them and answer calls."""
         now = time.monotonic_ns()
-        while (event := schedule.due(now)) is not None and not self._stop.is_set():
+        while (event := self._schedule.due(now)) is not None and not self._stop.is_set():
             self._handle(event, now)
             now = time.monotonic_ns()
             if now - self._served_ns > SERVE_NS:
                 break
-        when = schedule.next_ns()
+        when = self._schedule.next_ns()
         wait = SLICE_SECONDS if when is None else (when - time.monotonic_ns()) / NANOSECONDS
-        if not schedule.ended:
+        if not self._schedule.ended:
             self._serve(max(0.0, min(wait, SLICE_SECONDS)))
 
     def _serve(self, seconds: float) -> None:
@@ -219,17 +198,15 @@ class _Player:
             _say(f'ROS: a request failed: {type(error).__name__}: {error}')
         self._served_ns = time.monotonic_ns()
 
-    def _handle(self, event: Send | Tick | Jump, now: int) -> None:
+    def _handle(self, event: Event, now: int) -> None:
         if isinstance(event, Send):
             self._publishers[event.message.topic].publish(event.message.data)
             self._sent += 1
             late = 0 if event.due_ns is None else now - event.due_ns
             self._longest_late_ns = max(self._longest_late_ns, late)
-            if late > LATE_NS:
-                self._late += 1
+            self._late += late > LATE_NS
         elif isinstance(event, Tick):
-            if self._clock:
-                self._clock.publish(encode_clock(event.log_ns))
+            self._clock.publish(encode_clock(event.log_ns))
         else:
             back = 'back ' if event.to_ns < event.from_ns else ''
             times = f'from {self._seconds(event.from_ns)} to {self._seconds(event.to_ns)}'
@@ -248,33 +225,28 @@ class _Player:
         return self._seconds(self._schedule.position_ns(time.monotonic_ns()))
 
     def _seconds(self, log_ns: int) -> str:
-        return f'{(log_ns - self._window.first_ns) / NANOSECONDS:.3f} s'
+        return f'{(log_ns - self._found.window.first_ns) / NANOSECONDS:.3f} s'
 
     def _on_pause(self, asked: Any, response: Any) -> Any:
         change = self._schedule.pause if asked.data else self._schedule.resume
         change(time.monotonic_ns())
-        line = f'{"paused" if asked.data else "resumed"} at {self._position()}'
-        _say(line)
-        response.success, response.message = True, line
+        response.success = True
+        response.message = f'{"paused" if asked.data else "resumed"} at {self._position()}'
+        _say(response.message)
         return response
 
     def _on_step(self, asked: Any, response: Any) -> Any:
+        now, response.message = time.monotonic_ns(), 'refused: end of the log reached'
         try:
-            response.success, response.message = True, self._one_message()
+            for event in self._schedule.step(now):
+                self._handle(event, now)
+                if isinstance(event, Send) and event.due_ns is not None:
+                    name = self._publishers[event.message.topic].topic_name
+                    response.message = f'{name} at {self._seconds(event.message.log_ns)}'
+                    response.success = True
         except ValueError as error:
-            response.success, response.message = False, one_line(f'refused: {error}')
+            response.message = one_line(f'refused: {error}')
         return response
-
-    def _one_message(self) -> str:
-        now = time.monotonic_ns()
-        if not self._schedule.step(now):
-            raise ValueError('end of the log reached')
-        while (event := self._schedule.due(now)) is not None:
-            self._handle(event, now)
-            if isinstance(event, Send) and event.due_ns is not None:
-                topic = self._publishers[event.message.topic].topic_name
-                return f'{topic} at {self._seconds(event.message.log_ns)}'
-        raise ValueError('end of the log reached')
 
     def _on_parameters(self, parameters: Sequence[Any]) -> SetParametersResult:
         """Accept and apply `rate` and `seek_to`, or none of them."""
@@ -289,7 +261,7 @@ class _Player:
                 raise ValueError(f'rate is {given["rate"]:g}, expected {low:g} to {high:g}')
             now = time.monotonic_ns()
             if 'seek_to' in given:
-                self._schedule.seek(now, self._window.at(given['seek_to']))
+                self._schedule.seek(now, self._found.window.at(given['seek_to']))
             if 'rate' in given:
                 self._schedule.set_rate(now, float(given['rate']))
                 _say(f'rate {given["rate"]:g} from {self._position()} on')
@@ -300,12 +272,9 @@ class _Player:
 
 def profile_of(qos: Qos) -> QoSProfile:
     """Return a QoS profile of rclpy; `keep_all` could block, so it is a large depth."""
+    reliable, durable = ReliabilityPolicy, DurabilityPolicy
     return QoSProfile(
         depth=MOST_DEPTH if qos.keep_all else qos.depth,
-        reliability=(
-            ReliabilityPolicy.RELIABLE if qos.reliable else ReliabilityPolicy.BEST_EFFORT
-        ),
-        durability=(
-            DurabilityPolicy.TRANSIENT_LOCAL if qos.transient_local else DurabilityPolicy.VOLATILE
-        ),
+        reliability=reliable.RELIABLE if qos.reliable else reliable.BEST_EFFORT,
+        durability=durable.TRANSIENT_LOCAL if qos.transient_local else durable.VOLATILE,
     )

@@ -13,7 +13,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from itertools import chain
+from typing import NamedTuple, TypeAlias
 
 from pfd_ros.recording.bags import BagMessage
 
@@ -43,6 +44,9 @@ class Jump(NamedTuple):
     from_ns: int
     to_ns: int
     loop: int | None
+
+
+Event: TypeAlias = Send | Tick | Jump
 
 
 @dataclass(frozen=True)
@@ -107,7 +111,7 @@ class Schedule:
         self.window, self.rate, self.paused = window, rate, paused
         self.ended, self.loops = False, 0
         self._read, self._depths, self._loop = read, kept, loop
-        self._tick_ns, self._tick_at, self._steps = tick_ns, 0, 0
+        self._tick_ns, self._tick_at = tick_ns, 0
         # Whether the next call of `due` sets the anchor.
         self._starting = True
         self._jump: Jump | None = None
@@ -132,7 +136,7 @@ class Schedule:
             return self._anchor[0]
         return min(self._times(), default=None)
 
-    def due(self, now_ns: int) -> Send | Tick | Jump | None:
+    def due(self, now_ns: int) -> Event | None:
         """Return the next event that is due, or None; call it until it returns None."""
         if self._jump is not None:
             jump, self._jump = self._jump, None
@@ -150,18 +154,17 @@ class Schedule:
         late = self._tick_ns is not None and now_ns - self._tick_at >= self._tick_ns
         # Of events at one time messages come first: the clock is never ahead of them.
         if when == self._message_at() and not late:
-            return self._take(when)
+            return Send(self._taken(), when)
         if self._tick_ns is not None and (late or when == self._tick_at):
             # One tick for all that are due.
             newest = self._tick_at + (now_ns - self._tick_at) // self._tick_ns * self._tick_ns
             self._tick_at = newest + self._tick_ns
             return Tick(self._unpassed_ns(self.position_ns(newest)))
-        if not self._loop:
-            self.ended = True
-            return None
-        self.loops += 1
-        self._go(when, self.window.begin_ns, self.loops)
-        return self.due(now_ns)
+        if self._loop:
+            self._begin_again(when)
+            return self.due(now_ns)
+        self.ended = True
+        return None
 
     def pause(self, now_ns: int) -> None:
         """Stop at the position; messages that are late by then wait, too."""
@@ -173,33 +176,27 @@ class Schedule:
         if self.paused:
             self._anchor = now_ns, self._anchor[1]
             self._tick_at = max(self._tick_at, now_ns)
-            self.paused, self._steps = False, 0
+            self.paused = False
 
     def set_rate(self, now_ns: int, rate: float) -> None:
         """Change the speed from now on."""
         self._set_anchor(now_ns)
         self.rate = rate
 
-    def step(self, now_ns: int) -> bool:
-        """Make the next message due; return whether there is one. ValueError unless paused."""
+    def step(self, now_ns: int) -> Iterator[Event]:
+        """Yield what is due, then the next message, if there is one; ValueError unless paused."""
         if not self.paused:
             raise ValueError('player is not paused: call ~/pause first')
         if self._next is None and self._loop:
-            self.loops += 1
-            self._go(now_ns, self.window.begin_ns, self.loops)
-        if self._next is None:
-            return False
-        self._anchor = now_ns, self._anchor[1]
-        self._steps += 1
-        return True
+            self._begin_again(now_ns)
+        while (event := self.due(now_ns)) is not None:
+            yield event
+        if self._next is not None:
+            self._anchor = now_ns, max(self._anchor[1], self._next.log_ns)
+            yield Send(self._taken(), now_ns)
 
     def seek(self, now_ns: int, log_ns: int) -> None:
-        """Continue at a time of the log, perhaps before the window; ValueError outside of it."""
-        if not self.window.first_ns <= log_ns < self.window.end_ns:
-            raise ValueError(
-                f'{log_ns} ns is outside of the log, expected {self.window.first_ns} to '
-                f'{self.window.end_ns - 1} ns'
-            )
+        """Continue at a time of the log, as `Window.at` returns it, perhaps before the window."""
         self._go(now_ns, log_ns, None)
 
     def _times(self) -> Iterator[int]:
@@ -213,38 +210,34 @@ class Schedule:
             yield self._steady(self.window.end_ns)
 
     def _message_at(self) -> int | None:
-        if self._next is None or (self.paused and not self._steps):
-            return None
-        return self._anchor[0] if self.paused else self._steady(self._next.log_ns)
+        return None if self._next is None or self.paused else self._steady(self._next.log_ns)
 
     def _steady(self, log_ns: int) -> int:
         since, anchor_ns = self._anchor
         return since + round((log_ns - anchor_ns) / self.rate)
 
-    def _take(self, when: int) -> Send:
+    def _taken(self) -> BagMessage:
         message = self._next
         assert message is not None
-        self._reached_ns = message.log_ns
-        if self.paused:
-            self._steps -= 1
-            self._anchor = self._anchor[0], max(self._anchor[1], self._reached_ns)
-        self._next = self._following()
-        return Send(message, when)
-
-    def _unpassed_ns(self, log_ns: int) -> int:
-        """Return a log time, or the next message's if it is earlier."""
-        if self._next is None or self.paused:
-            return log_ns
-        return min(log_ns, self._next.log_ns)
+        self._reached_ns, self._next = message.log_ns, self._following()
+        return message
 
     def _following(self) -> BagMessage | None:
         message = next(self._messages, None)
         return None if message is None or message.log_ns >= self.window.end_ns else message
 
+    def _unpassed_ns(self, log_ns: int) -> int:
+        """Return a log time, or the next message's if it is earlier."""
+        return log_ns if self._next is None or self.paused else min(log_ns, self._next.log_ns)
+
     def _set_anchor(self, now_ns: int) -> None:
         """Begin a stretch now; the position does not pass a message that was not sent."""
         self._anchor = now_ns, self._unpassed_ns(self.position_ns(now_ns))
         self._tick_at = max(self._tick_at, now_ns)
+
+    def _begin_again(self, when: int) -> None:
+        self.loops += 1
+        self._go(when, self.window.begin_ns, self.loops)
 
     def _go(self, when: int, log_ns: int, loop: int | None) -> None:
         """Continue at a log time from a steady time on."""
@@ -253,28 +246,22 @@ class Schedule:
         since_ns = self._anchor[1] if self._jump is None else self._jump.from_ns
         self._jump = Jump(since_ns, log_ns, loop)
         self._anchor = when, log_ns
-        self._starting, self._steps, self.ended = True, 0, False
+        self._starting, self.ended = True, False
         self._open(log_ns)
 
     def _open(self, log_ns: int) -> None:
         """Make the first message at or after a log time the next one, and keep those before it."""
-        passed = list(self._before)
         if self._next is None or log_ns <= self._reached_ns:
-            self._messages, self._reached_ns, passed = self._read(), -1, []
+            self._messages, self._reached_ns, self._before = self._read(), -1, deque()
             self._next = self._following()
         kept = {
             topic: deque[tuple[int, BagMessage]](maxlen=k) for topic, k in self._depths.items()
         }
-        for number, message in enumerate(self._passed(passed, log_ns)):
-            if message.topic in kept:
-                kept[message.topic].append((number, message))
-        rows = sorted(row for found in kept.values() for row in found)
-        self._before = deque(message for _, message in rows)
+        for row in enumerate(chain(self._before, self._passed(log_ns))):
+            if row[1].topic in kept:
+                kept[row[1].topic].append(row)
+        self._before = deque(message for _, message in sorted(chain(*kept.values())))
 
-    def _passed(self, before: list[BagMessage], log_ns: int) -> Iterator[BagMessage]:
-        """Yield messages that were not sent yet, and those up to a log time."""
-        yield from before
+    def _passed(self, log_ns: int) -> Iterator[BagMessage]:
         while self._next is not None and self._next.log_ns < log_ns:
-            yield self._next
-            self._reached_ns = self._next.log_ns
-            self._next = self._following()
+            yield self._taken()

@@ -371,6 +371,7 @@ PATCHED = {
     # pfd_ros.recording: the MCAP file of a run
     'QUEUE_BYTES': 'pfd_ros.recording.recorder:QUEUE_BYTES',
     'SYNC_SECONDS': 'pfd_ros.recording.recorder:SYNC_SECONDS',
+    'WHAT_IF_DISK_SECONDS': 'pfd_ros.replay.what_if:DISK_SECONDS',
     # pfd_ros.replay: verification, what-if, comparison, the player
     'PLAYER_DISCOVERY_SECONDS': 'pfd_ros.replay.publish:DISCOVERY_SECONDS',
     'PlayerSchedule_next_ns': 'pfd_ros.replay.schedule:Schedule.next_ns',

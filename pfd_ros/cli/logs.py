@@ -22,6 +22,7 @@ from pfd_ros.cli.terminal import (
     ANY_LOG,
     Command,
     add_rename,
+    ended_by_signals,
     number,
     pair,
     print_lines,
@@ -155,7 +156,10 @@ def _what_if(given: argparse.Namespace, options: dict[str, Any]) -> int:
     if plot:
         check_picture(plot)
     options['rename'] = dict(options.get('rename', ()))
-    found = what_if.what_if(given.log, given.what_if, **options, progress=progress_on(sys.stderr))
+    with ended_by_signals():  # it removes the cut log of the new run
+        found = what_if.what_if(
+            given.log, given.what_if, **options, progress=progress_on(sys.stderr)
+        )
     if as_json:
         _print_json(what_if.as_json(found))
     else:

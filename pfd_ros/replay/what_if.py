@@ -40,7 +40,7 @@ from pfd_ros.arm.settings import FIELDS, SIMULATED, Settings
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
-from pfd_ros.recording.arrays import read_log
+from pfd_ros.recording.arrays import LogArrays, read_log
 from pfd_ros.recording.format import LogError, OtherLogError, damage_named
 from pfd_ros.recording.log import Log
 from pfd_ros.recording.recorder import DISK_SECONDS, Recorder, topic_names, totals_of
@@ -138,6 +138,7 @@ class _Case(NamedTuple):
     urdf: str
     start_ns: int
     complete: bool
+    problems: list[str]
     # Topics of a recording by role; the inputs of a bag.
     topics: Mapping[str, str]
     bag: BagInputs | None = None
@@ -236,9 +237,7 @@ def what_if(
         states_topic=case.old.topic,
         times=case.bag.times if case.bag else '',
         complete=case.complete,
-        problems=[f'{old.unreadable} messages of {case.old.topic} cannot be read']
-        if old.unreadable
-        else [],
+        problems=case.problems,
         curves=curves,
     )
 
@@ -334,6 +333,7 @@ def _of_recording(path: Path, changes: Changes) -> _Case:
         urdf if 'robot' in changes.values else log.description,
         begins[1],
         arrays.complete,
+        _unreadable(arrays, topic),
         log.topics,
     )
 
@@ -348,7 +348,15 @@ def _of_bag(
     settings = bag.settled(_untied(settings), robot.joint_names, given=given)
     start_ns = settings.start_ns + settings.step_ns
     old = _States(bag.topic, bag.states, bag.times_ns - bag.start_ns)
-    return _Case(bag.inputs, old, settings, robot, urdf, start_ns, log.complete, {}, bag)
+    problems = _unreadable(log, *dict.fromkeys((bag.topic, commands)))
+    return _Case(bag.inputs, old, settings, robot, urdf, start_ns, log.complete, problems, {}, bag)
+
+
+def _unreadable(log: LogArrays, *topics: str) -> list[str]:
+    counts = {topic: log[topic].unreadable for topic in topics}
+    return [
+        f'{count} messages of {topic} cannot be read' for topic, count in counts.items() if count
+    ]
 
 
 def _engine(case: _Case, settings: Settings) -> Engine:

@@ -8,11 +8,14 @@ from collections.abc import Callable, Sequence
 import math
 from pathlib import Path
 import re
+import shutil
 from typing import Any
 
-from arm_messages import change, efforts, named, payload, placed, request, tick, wrench
+from arm_messages import UNLIMITED, change, efforts, named, placed, request, tick
+import bridge
 from bridge import (
     LogError,
+    LogRecorder,
     RecordedLog,
     WhatIf,
     encode_floats,
@@ -23,37 +26,30 @@ from bridge import (
 )
 from logs import Row, joint_state, string, write_mcap
 import numpy as np
-from oracle import Oracle
-import pinocchio as pin
 import pytest
 from recordings import rewritten, simulate
-from ros_processes import example_robot
-from sampling import one_fast
 
 import pfd_core as pfd
 from pfd_ros import read_log
 
+GOLDEN = Path(__file__).resolve().parents[1] / 'data' / 'golden_3_ur5.mcap'
 STATES, ARRAY = '/joint_states', '/sim_arm/commands'
 NAMES = ('shoulder', 'elbow')
 H = 1e-3
 BIT = 2.0**-52
-# Of a trajectory of a second by Pinocchio and this test's Runge-Kutta: rounding, grown by motion.
-PINOCCHIO = 1e-9
 # Rounding of a run of half a second; kernels with brakes and limits have other operations.
 ROUNDING = 1e-11
-# Efforts are the commanded ones.
-UNCUT: dict[str, Any] = {'effort_limits': False, 'torque_speed': False}
+OVERFLOWS = ['damping=[1e6, 1e6]', 'integrator=rk4']
 
 
-def taus(count: int, joints: int = 2) -> np.ndarray:
-    return np.random.default_rng(4).uniform(-5.0, 5.0, (count, joints))
+def taus(count: int) -> np.ndarray:
+    return np.random.default_rng(4).uniform(-5.0, 5.0, (count, 2))
 
 
-def swung(path: Path, robot: str = 'planar2', cycles: int = 400, **settings: Any) -> Path:
+def swung(path: Path, cycles: int = 400) -> Path:
     """Record an arm that gets efforts without names in each cycle."""
-    joints = pfd.load_robot(robot).n
-    events = {k + 1: [efforts(*tau)] for k, tau in enumerate(taus(cycles, joints))}
-    simulate(path, cycles, events, robot=robot, **UNCUT, **settings)
+    events = {k: [efforts(*tau)] for k, tau in enumerate(taus(cycles), 1)}
+    simulate(path, cycles, events, **UNLIMITED)
     return path
 
 
@@ -102,52 +98,30 @@ def lockstep(path: Path) -> Path:
     return path
 
 
-def eventful(path: Path) -> Path:
-    """Record states that are set, requests, parameters, a payload, wrenches and refusals."""
-    events = {k: [efforts(*tau)] for k, tau in enumerate(taus(300), 1) if k % 3}
-    events[40] = [placed(['elbow'], [0.3]), named(['nobody'], [1.0])]
-    events[60] = [change(servo_p=[3.0, 4.0]), named(NAMES, position=(0.5, 0.4))]
-    events[90] = [request('reset'), efforts(1.0)]
-    events[120] = [payload('tip_link', 0.4, (0.05, 0.0, 0.0)), change(noise_position=1e-3)]
-    events[150] = [wrench('tip_link', (3.0, 0.0, 1.0)), change(drop_commands=0.3)]
-    events[200] = [request('clear_wrench')]
-    settings = {'external_wrench': True, 'external_wrench_timeout': 0.02, 'seed': 5}
-    simulate(path, 300, events, roles=('external_wrench', 'payload'), **settings)
-    return path
+def golden(path: Path) -> Path:
+    """Return a recording of all inputs, with delays, drops and noise."""
+    return Path(shutil.copy(GOLDEN, path))
 
 
 def paused(path: Path) -> Path:
-    """Record steps on request."""
+    """Record steps on request, by an arm that is activated later."""
     events = {k: [efforts(*tau)] for k, tau in enumerate(taus(100), 1)}
+    events[2] = [request('activate')]
     events[30] = [request('pause'), request('step', count=3), efforts(4.0, -4.0)]
     events |= {k: [request('step')] for k in range(36, 60, 2)}
     events[70] = [request('resume')]
-    simulate(path, 100, events)
+    simulate(path, 100, events, autostart=False)
     return path
 
 
 def following(path: Path) -> Path:
     """Record an arm that follows the clock of another node."""
-    events = {}
-    for k, tau in enumerate(taus(200), 1):
-        events[k] = [tick(5_000_000_000 + k * 1_500_000), efforts(*tau)]
+    events = {
+        k: [tick(5_000_000_000 + k * 1_500_000), efforts(*tau)]
+        for k, tau in enumerate(taus(200), 1)
+    }
     settings = {'time_source': 'clock', 'publish_clock': False}
     simulate(path, 200, events, roles=('clock_ticks',), **settings)
-    return path
-
-
-def sensed(path: Path) -> Path:
-    """Record measured states, some of them dropped or late, of joints in another order."""
-    events = {k: [efforts(*tau)] for k, tau in enumerate(taus(400), 1) if k % 5 == 1}
-    settings = {
-        'noise_position': 1e-3,
-        'drop_state': 0.2,
-        'delay_state': 0.005,
-        'publish_rate': 500.0,
-        'joints': NAMES[::-1],
-        'delay_commands': 0.003,
-    }
-    simulate(path, 400, events, **settings)
     return path
 
 
@@ -159,18 +133,7 @@ def failing(path: Path) -> Path:
     return path
 
 
-def inactive(path: Path) -> Path:
-    """Record an arm that is activated later."""
-    events = {3: [efforts(1.0, 2.0)], 5: [request('activate')], 9: [efforts(1.0, 2.0)]}
-    events[50] = [request('deactivate')]
-    events[60] = [request('activate'), efforts(3.0, 1.0)]
-    simulate(path, 100, events, autostart=False)
-    return path
-
-
-@pytest.mark.parametrize(
-    'record', [swung, lockstep, eventful, paused, following, sensed, failing, inactive]
-)
+@pytest.mark.parametrize('record', [golden, lockstep, paused, following, failing])
 def test_a_run_without_a_change_has_the_states_of_the_log(
     record: Callable[[Path], Path], tmp_path: Path
 ) -> None:
@@ -181,126 +144,75 @@ def test_a_run_without_a_change_has_the_states_of_the_log(
     assert len(states_of(log)) > 50
     assert states_of(found.log) == states_of(log)
     assert found.states == len(states_of(log))
-    assert {item.largest for item in found.divergences} == {0.0}
-    assert {item.first_at for item in found.divergences} == {None}
+    assert {(item.largest, item.first_at) for item in found.divergences} == {(0.0, None)}
     assert not found.rejected
     assert found.complete
     assert verify_log(found.log).complete
 
 
-def by_pinocchio(
-    robot: pfd.Robot, body: pfd.Payload, rows: np.ndarray, substeps: int
-) -> np.ndarray:
-    """Return positions and velocities after each step, (k, 2, n), by aba and Runge-Kutta 4."""
-    oracle = Oracle(robot)
-    inertia = pin.Inertia(body.mass, np.array(body.center), np.array(body.inertia))
-    oracle.model.appendBodyToJoint(robot.n, inertia, oracle.tip)
-    oracle.data = oracle.model.createData()
-    state, found, dt = np.zeros((2, robot.n)), [], H / substeps
-
-    def rate(x: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        return np.array([x[1], oracle.qdd(x[0], x[1], tau)])
-
-    for tau in rows:
-        for _ in range(substeps):
-            k1 = rate(state, tau)
-            k2 = rate(state + dt / 2 * k1, tau)
-            k3 = rate(state + dt / 2 * k2, tau)
-            k4 = rate(state + dt * k3, tau)
-            state = state + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        found.append(state)
-    return np.array(found)
-
-
-@pytest.mark.parametrize('robot', one_fast(['planar2', 'ur5']))
-def test_a_payload_diverges_as_pinocchio_says(robot: str, tmp_path: Path) -> None:
-    log = swung(tmp_path / 'a.mcap', robot, armature=robot == 'ur5')
-    words = ['payload.mass=0.7', 'payload.center=[0.05, -0.02, 0.1]', 'armature=false']
-    found = what_if(log, [*words, 'substeps=3', 'integrator=rk4'])
-    model = pfd.load_robot(robot)
-    motion = by_pinocchio(model, pfd.Payload(0.7, (0.05, -0.02, 0.1)), taus(400, model.n), 3)
-    states = read_log(log)[STATES]
-    for k, field in enumerate(('position', 'velocity')):
-        sizes = np.abs(motion[:, k] - states[field])
-        np.testing.assert_allclose(numbers(found, field), sizes.max(0), atol=PINOCCHIO)
+def test_another_arm_with_shorter_steps_diverges_as_its_simulation_says(swing: Path) -> None:
+    words = ['payload.mass=0.7', 'payload.center=[0.05, -0.02, 0.1]', 'outputs=[energy]']
+    found = what_if(swing, [*words, f'step_size={H / 4}', 'substeps=3', 'integrator=rk4'])
+    scene = pfd.Scene(payload=pfd.Payload(0.7, (0.05, -0.02, 0.1)))
+    own = {'step_size': H / 4, 'substeps': 3, 'integrator': 'rk4'}
+    sim = pfd.Simulator(pfd.load_robot('planar2'), scene, **own)
+    motion, states = sim.rollout(np.repeat(taus(400), 4, axis=0)), read_log(swing)[STATES]
+    for field, values, limit in (('position', motion.q, 1e-3), ('velocity', motion.qd, 1e-2)):
+        sizes = np.abs(values[3::4] - states[field])
+        # The kernels have brakes as inputs or not: other rounding.
+        np.testing.assert_allclose(numbers(found, field), sizes.max(0), atol=1e-9)
         rms = np.sqrt(np.mean(sizes**2, axis=0))
-        np.testing.assert_allclose(numbers(found, field, 'rms'), rms, atol=PINOCCHIO)
+        np.testing.assert_allclose(numbers(found, field, 'rms'), rms, atol=1e-9)
         at = (1 + sizes.argmax(0)) * 1e-3
         np.testing.assert_allclose(numbers(found, field, 'largest_at'), at, atol=1e-12)
-        first = [1e-3 * (1 + int(np.argmax(column > found.thresholds[k]))) for column in sizes.T]
+        first = [1e-3 * (1 + int(np.argmax(column > limit))) for column in sizes.T]
         np.testing.assert_allclose(numbers(found, field, 'first_at'), first, atol=1e-12)
-    assert numbers(found, 'effort') == [0.0] * model.n
-    new = read_log(found.log)[STATES]
-    np.testing.assert_allclose(new.position, motion[:, 0], atol=PINOCCHIO)
+    # The commands act at their times.
+    assert numbers(found, 'effort') == [0.0, 0.0]
+    assert not found.rejected
+    assert len(read_log(found.log)['/sim_arm/energy']) == 1600
+    assert verify_log(found.log).complete
 
 
-def test_the_rounding_run_starts_one_bit_away(swing: Path) -> None:
+def test_the_rounding_run_is_one_bit_away(swing: Path, tmp_path: Path) -> None:
     found = what_if(swing, ['payload.mass=0.5'], rounding=True)
     largest = np.array(numbers(found, 'position', of='rounding'))
-    assert (largest >= BIT).all()
-    assert (largest < 1e-12).all()
+    assert ((largest >= BIT) & (largest < 1e-12)).all()
     assert numbers(found, 'position', 'first_at', of='rounding') == [None, None]
-    assert what_if(swing, ['payload.mass=0.5']).rounding == ()
-
-
-def test_a_state_that_is_set_is_one_bit_away_too(tmp_path: Path) -> None:
+    # A state that is set is a bit away, too.
     simulate(tmp_path / 'a.mcap', 2, {2: [placed(NAMES, (0.3, 0.2))]})
     found = what_if(tmp_path / 'a.mcap', rounding=True)
-    assert numbers(found, 'position', of='rounding') == [BIT, BIT]
     assert numbers(found, 'position', 'rms', of='rounding') == [BIT, BIT]
 
 
 def test_sensors_of_another_seed_change_what_is_measured_alone(tmp_path: Path) -> None:
-    path = sensed(tmp_path / 'a.mcap')
-    found = what_if(path, ['seed=3', 'drop.state=0'])
+    events = {3: [efforts(1.0, 2.0)]}
+    simulate(tmp_path / 'a.mcap', 400, events, noise_position=1e-3, drop_state=0.2)
+    found = what_if(tmp_path / 'a.mcap', ['seed=3', 'drop.state=0'])
     assert numbers(found, 'position', 'rms') == pytest.approx([math.sqrt(2) * 1e-3] * 2, rel=0.3)
     # Where the log lacks a state nothing is compared.
     assert numbers(found, 'velocity') == [0.0, 0.0]
-    assert verify_log(found.log).complete
+    assert {len(curve[0]) for curve in found.curves.values()} == {found.states}
 
 
-def test_further_outputs_are_recorded(swing: Path) -> None:
-    found = what_if(swing, ['outputs=[energy, true_states]'])
-    new = read_log(found.log)
-    assert len(new['/sim_arm/energy']) == len(new['/sim_arm/true_states']) == 400
-    assert verify_log(found.log).complete
-
-
-@pytest.mark.parametrize('share', one_fast([2, 4]))
-def test_other_steps_take_the_commands_at_their_times(share: int, swing: Path) -> None:
-    found = what_if(swing, [f'step_size={H / share}', 'payload.mass=0.5'])
-    scene = pfd.Scene(payload=pfd.Payload(0.5))
-    sim = pfd.Simulator(pfd.load_robot('planar2'), scene, step_size=H / share)
-    motion = sim.rollout(np.repeat(taus(400), share, axis=0))
-    sizes = np.abs(motion.q[share - 1 :: share] - read_log(swing)[STATES].position)
-    # The kernels have brakes as inputs or not: other rounding.
-    np.testing.assert_allclose(numbers(found, 'position'), sizes.max(axis=0), rtol=1e-9)
-    assert numbers(found, 'effort') == [0.0, 0.0]
-    assert not found.rejected
-    assert verify_log(found.log).complete
-
-
-def test_steps_that_are_longer_end_between_recorded_states(tmp_path: Path) -> None:
+def test_longer_steps_end_between_recorded_states(tmp_path: Path) -> None:
     slow = {k: [efforts(math.sin(0.02 * k), 0.0)] for k in range(1, 401)}
     simulate(tmp_path / 'a.mcap', 400, slow)
     found = what_if(tmp_path / 'a.mcap', ['step_size=0.004'])
     # At most a step late, and interpolated between steps.
     assert 0 < max(numbers(found, 'position')) < 0.01
-    assert found.seconds == pytest.approx(0.4)
-    assert found.states == 400
+    assert (found.seconds, found.states) == (pytest.approx(0.4), 400)
 
 
 @pytest.mark.parametrize('words', [['start_time=7'], ['step_size=0.0005'], ['step_size=0.002']])
 def test_stamped_answers_act_in_other_steps_and_at_other_times(
     words: list[str], tmp_path: Path
 ) -> None:
-    log = lockstep(tmp_path / 'a.mcap')
-    found = what_if(log, words)
+    found = what_if(lockstep(tmp_path / 'a.mcap'), words)
     assert not found.rejected
-    # Late answers were refused for their time, and are left out.
-    before = [m for m in RecordedLog(log).messages() if m.role == 'joint_commands']
-    after = [m for m in RecordedLog(found.log).messages() if m.role == 'joint_commands']
-    assert (len(before), len(after)) == (205, 200)
+    # Late answers were refused for their time, and are left out of 205.
+    taken = [m for m in RecordedLog(found.log).messages() if m.role == 'joint_commands']
+    assert len(taken) == 200
     # Steps of 2 ms take every other one of these efforts.
     assert '0.002' in words[0] or max(numbers(found, 'position')) < 1e-9
 
@@ -340,7 +252,7 @@ def test_efforts_without_names_reach_the_joints_of_another_robot_by_name(
     assert {item.joint for item in found.divergences} == set(NAMES)
     assert not found.rejected
     events = {k: [named(NAMES, effort=tau)] for k, tau in enumerate(taus(400), 1)}
-    simulate(tmp_path / 'alone.mcap', 400, events, robot=str(robot), **UNCUT)
+    simulate(tmp_path / 'alone.mcap', 400, events, robot=str(robot), **UNLIMITED)
     assert states_of(found.log) == states_of(tmp_path / 'alone.mcap')
     assert '/tf' in read_log(found.log).topics
     assert verify_log(found.log).complete
@@ -353,17 +265,6 @@ def test_the_order_of_the_joints_permutes_efforts_without_names(swing: Path) -> 
 
 
 def test_start_and_numbers_of_each_joint_follow_their_joints(tmp_path: Path) -> None:
-    settings = {'initial_positions': (0.1, 0.2), 'joint_friction': (0.3, 0.4)}
-    simulate(tmp_path / 'a.mcap', 50, {3: [efforts(1.0, 2.0)]}, **settings)
-    robot = with_wrist(tmp_path / 'three.urdf')
-    found = what_if(tmp_path / 'a.mcap', [f'robot={robot}', 'friction.wrist=0.5']).settings
-    assert found.initial_positions == (0.1, 0.2, 0.0)
-    assert found.joint_friction == (0.3, 0.4, 0.5)
-
-
-def test_start_and_numbers_of_each_joint_follow_their_joints_into_another_order(
-    tmp_path: Path,
-) -> None:
     settings = {'joint_friction': (0.3, 0.4), 'joints': ('elbow', 'shoulder')}
     settings['initial_positions'] = (0.1, 0.2)
     # Numbers that were set while it ran follow, too.
@@ -374,33 +275,22 @@ def test_start_and_numbers_of_each_joint_follow_their_joints_into_another_order(
         assert found.settings.initial_positions == (0.2, 0.1)
         assert found.settings.joint_friction == (0.4, 0.3)
         assert set(numbers(found, 'position')) == {0.0}
+    robot = with_wrist(tmp_path / 'three.urdf')
+    other = what_if(tmp_path / 'a.mcap', [f'robot={robot}', 'friction.wrist=0.5']).settings
+    assert other.initial_positions == (0.2, 0.1, 0.0)
+    assert other.joint_friction == (0.4, 0.3, 0.5)
 
 
-@pytest.mark.parametrize(
-    ('words', 'friction', 'static'),
-    [
-        (['friction.elbow=3'], (1.0, 3.0), (1.0, 9.0)),
+def test_numbers_of_joints_are_changed_in_each_spelling(tmp_path: Path) -> None:
+    settings = {'joint_friction': (1.0, 2.0), 'static_friction': (1.0, 9.0)}
+    simulate(tmp_path / 'a.mcap', 3, **settings)
+    for words, friction, static in (
         (['friction={"elbow": 3.0}'], (1.0, 3.0), (1.0, 9.0)),
         (['friction=[0.5, 3]'], (0.5, 3.0), (1.0, 9.0)),
         (['friction.elbow=3', 'static_friction.elbow=8'], (1.0, 3.0), (1.0, 8.0)),
-    ],
-)
-def test_numbers_of_joints_are_changed_in_each_spelling(
-    words: list[str], friction: tuple, static: tuple, tmp_path: Path
-) -> None:
-    settings = {'joint_friction': (1.0, 2.0), 'static_friction': (1.0, 9.0)}
-    simulate(tmp_path / 'a.mcap', 20, {3: [efforts(1.0, 2.0)]}, **settings)
-    found = what_if(tmp_path / 'a.mcap', words).settings
-    assert (found.joint_friction, found.static_friction) == (friction, static)
-
-
-def test_a_real_robot_takes_the_place_of_another_one_with_its_joints(tmp_path: Path) -> None:
-    log = swung(tmp_path / 'a.mcap', 'ur5', 100)
-    urdf = example_robot('ur_description/urdf/ur10_robot.urdf')
-    found = what_if(log, [f'robot={urdf}'])
-    assert (found.robot, len(numbers(found, 'position'))) == ('ur10', 6)
-    assert min(numbers(found, 'velocity')) > 0
-    assert verify_log(found.log).complete
+    ):
+        found = what_if(tmp_path / 'a.mcap', words).settings
+        assert (found.joint_friction, found.static_friction) == (friction, static)
 
 
 def test_a_scene_file_takes_the_place_of_all_effects(tmp_path: Path) -> None:
@@ -419,37 +309,31 @@ def test_a_scene_file_takes_the_place_of_all_effects(tmp_path: Path) -> None:
     assert (bare.scene, bare.joint_friction, bare.gravity) == ('', (), (0.0, 0.0, -9.81))
 
 
-def test_settings_that_the_log_changes_later_are_named(tmp_path: Path) -> None:
-    simulate(tmp_path / 'a.mcap', 20, {9: [change(payload_mass=0.5)]})
-    found = what_if(tmp_path / 'a.mcap', ['payload.mass=2', 'damping.elbow=1'])
-    assert found.replaced == ('payload.mass',)
-    assert any('payload.mass' in line for line in what_if_lines(found)[1:])
-    assert what_if(tmp_path / 'a.mcap', ['damping.elbow=1']).replaced == ()
-
-
-def test_inputs_that_are_validated_otherwise_are_counted(tmp_path: Path) -> None:
+def test_what_the_log_changes_later_or_the_arm_validates_otherwise_is_stated(
+    tmp_path: Path,
+) -> None:
     events = {2: [named(['elbow'], position=[1.0]), named(['nobody'], effort=[1.0])]}
+    events[9] = [change(payload_mass=0.5)]
     simulate(tmp_path / 'a.mcap', 20, events, servo_p=(9.0, 9.0))
-    found = what_if(tmp_path / 'a.mcap', ['servo_p=[]'])
+    found = what_if(tmp_path / 'a.mcap', ['payload.mass=2', 'damping.elbow=1', 'servo_p=[]'])
+    assert found.replaced == ('payload.mass',)
     assert found.rejected == {'no_effort': 1}
     assert found.first_rejected.startswith('cycle 2: joint_commands is no_effort')
-    assert any('no_effort' in line for line in what_if_lines(found))
+    lines = what_if_lines(found)[1:]
+    assert any('payload.mass' in line for line in lines)
+    assert any('no_effort' in line for line in lines)
     back = what_if(found.log, ['servo_p=[9, 9]'])
-    assert back.rejected == {'accepted': 1}
+    assert (back.rejected, back.replaced) == ({'accepted': 1}, ())
 
 
 def test_a_run_that_overflows_says_when(swing: Path) -> None:
-    found = what_if(swing, ['damping=[1e6, 1e6]', 'integrator=rk4'])
+    found = what_if(swing, OVERFLOWS)
     assert found.failure == 'the state after step 2 is not finite'
     assert found.failed_at == pytest.approx(0.001)
     assert any(line.startswith('FAILED') and '0.001' in line for line in what_if_lines(found))
-    for joint in NAMES:
-        times, _, _ = found.curves[STATES, 'position', joint]
-        assert times[-1] <= 0.001
     # The other way round: the states of the failed arm are there, and the new run continues.
     back = what_if(found.log, ['damping=[0, 0]'])
-    assert back.failure == ''
-    assert back.seconds == pytest.approx(0.4)
+    assert (back.failure, back.seconds) == ('', pytest.approx(0.4))
 
 
 def test_nothing_after_a_failure_is_compared_though_a_reset_lets_the_arm_go_on(
@@ -457,20 +341,17 @@ def test_nothing_after_a_failure_is_compared_though_a_reset_lets_the_arm_go_on(
 ) -> None:
     events = {3: [efforts(1.0, 1.0)], 100: [request('reset')], 120: [efforts(1.0, 1.0)]}
     simulate(tmp_path / 'a.mcap', 200, events)
-    found = what_if(tmp_path / 'a.mcap', ['damping=[1e6, 1e6]', 'integrator=rk4'], rounding=True)
+    found = what_if(tmp_path / 'a.mcap', OVERFLOWS, rounding=True)
     assert found.failed_at == pytest.approx(0.003)
     assert read_log(found.log)[STATES].time[-1] > 0.1
     for item in (*found.divergences, *found.rounding):
         assert item.largest_at <= found.failed_at
     for times, _, _ in found.curves.values():
         assert times[-1] <= found.failed_at
-
-
-def test_a_run_that_fails_before_the_first_recorded_state_says_so(tmp_path: Path) -> None:
-    # The log has a state every 50 ms.
-    simulate(tmp_path / 'a.mcap', 100, {3: [efforts(1.0, 1.0)]}, publish_rate=20.0)
-    with pytest.raises(LogError, match=r'failed before the first recorded state.*a_what_if\.mcap'):
-        what_if(tmp_path / 'a.mcap', ['damping=[1e6, 1e6]', 'integrator=rk4'])
+    # A log with a state every 50 ms.
+    simulate(tmp_path / 'b.mcap', 100, {3: [efforts(1.0, 1.0)]}, publish_rate=20.0)
+    with pytest.raises(LogError, match=r'failed before the first recorded state.*b_what_if\.mcap'):
+        what_if(tmp_path / 'b.mcap', OVERFLOWS)
 
 
 def test_a_log_that_was_cut_off_is_compared_up_to_the_cut(swing: Path, tmp_path: Path) -> None:
@@ -478,13 +359,12 @@ def test_a_log_that_was_cut_off_is_compared_up_to_the_cut(swing: Path, tmp_path:
     path.write_bytes(swing.read_bytes()[: swing.stat().st_size * 2 // 3])
     found = what_if(path)
     assert not found.complete
-    count = found.states
-    assert 0 < count <= 400
-    assert states_of(found.log)[:count] == states_of(swing)[:count]
+    assert 0 < found.states <= 400
+    assert states_of(found.log)[: found.states] == states_of(swing)[: found.states]
     assert any(line.startswith('cut off') for line in what_if_lines(found))
 
 
-def test_states_that_cannot_be_read_are_a_problem_that_is_reported(
+def test_states_that_are_missing_unreadable_or_out_of_reach_are_named(
     swing: Path, tmp_path: Path
 ) -> None:
     def cut(role: str, record: Any) -> Any:
@@ -492,32 +372,26 @@ def test_states_that_cannot_be_read_are_a_problem_that_is_reported(
             record.data = record.data[:-4]
         return record
 
-    found = what_if(rewritten(swing, tmp_path / 'a.mcap', cut))
+    found = what_if(rewritten(swing, tmp_path / 'cut.mcap', cut), out=tmp_path / 'out.mcap')
     assert found.problems == [f'1 messages of {STATES} cannot be read']
     assert found.states == 399
 
-
-def test_a_log_without_states_is_refused(swing: Path, tmp_path: Path) -> None:
-    bare = rewritten(swing, tmp_path / 'a.mcap', lambda role, m: m if role == 'commands' else None)
-    with pytest.raises(LogError, match=r'a\.mcap holds no states'):
-        what_if(bare)
-    assert list(Path().iterdir()) == []
-
-
-def test_numbers_that_no_run_reaches_are_damage(swing: Path, tmp_path: Path) -> None:
     def late(role: str, record: Any) -> Any:
         if record.sequence > 300:
             record.sequence += 1 << 30
         return record
 
-    hostile = rewritten(swing, tmp_path / 'a.mcap', late)
-    with pytest.raises(LogError, match=r'a\.mcap: cycle 1073742124 after 300 recorded states'):
-        what_if(hostile)
-    assert list(Path().iterdir()) == []
+    for alter, line in (
+        (lambda role, m: m if role == 'commands' else None, 'holds no states'),
+        (late, 'cycle 1073742124 after 300 recorded states'),
+    ):
+        with pytest.raises(LogError, match=rf'a\.mcap:? {line}'):
+            what_if(rewritten(swing, tmp_path / 'a.mcap', alter))
+        assert list(Path().iterdir()) == []
 
 
 def test_the_result_is_rows_for_people_and_json(swing: Path) -> None:
-    words = ['payload.mass=0.5', 'payload.center=[0.1, 0, 0]']
+    words, seen = ['payload.mass=0.5', 'payload.center=[0.1, 0, 0]'], list[float]()
     found = what_if(swing, words, rounding=True, thresholds=(1e-3, 1e-2, 1e-1))
     lines = what_if_lines(found)
     assert lines[0].endswith('planar2, payload.mass=0.5 payload.center=[0.1, 0, 0]')
@@ -528,16 +402,11 @@ def test_the_result_is_rows_for_people_and_json(swing: Path) -> None:
     assert all(line.count('equal') == 2 for line in rows[4:])
     json = what_if_json(found)
     assert (json['changes'], json['robot']) == (tuple(words), 'planar2')
-    assert [row['joint'] for row in json['divergences']] == [*NAMES] * 3
-    assert [row['joint'] for row in json['rounding']] == [*NAMES] * 3
+    for key in ('divergences', 'rounding'):
+        assert [row['joint'] for row in json[key]] == [*NAMES] * 3
     assert json['thresholds'] == {'position': 1e-3, 'velocity': 1e-2, 'effort': 1e-1}
-
-
-def test_progress_is_a_share_that_grows(tmp_path: Path) -> None:
-    seen: list[float] = []
-    what_if(swung(tmp_path / 'a.mcap', cycles=3000), progress=seen.append)
+    what_if(swing, ['step_size=0.0001'], progress=seen.append)
     assert seen == sorted(seen)
-    assert len(seen) > 1
     assert 0.0 <= seen[0] < seen[-1] <= 1.0
 
 
@@ -551,12 +420,27 @@ def test_nothing_is_overwritten(swing: Path, tmp_path: Path) -> None:
     assert taken.read_bytes() == b'mine'
 
 
+def test_a_disk_that_hangs_or_an_interruption_ends_the_run_and_leaves_no_file(
+    swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stop(share: float) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        what_if(swing, ['step_size=0.0001'], progress=stop)
+    assert list(Path().iterdir()) == []
+    monkeypatch.setattr(LogRecorder, 'waiting_share', 1.0)
+    monkeypatch.setattr(*bridge.target('WHAT_IF_DISK_SECONDS'), 0.05)
+    with pytest.raises(OSError, match=r'swing_what_if\.mcap: the disk is too slow'):
+        what_if(swing)
+    assert list(Path().iterdir()) == []
+
+
 @pytest.mark.parametrize(
     ('words', 'message'),
     [
         (['payload.mas=2'], "unknown setting 'payload.mas': did you mean 'payload.mass'?"),
         (['payload_mass=2'], "unknown setting 'payload_mass': did you mean 'payload.mass'?"),
-        (['zzzzzzzz=2'], "unknown setting 'zzzzzzzz': `pfd info LOG` lists all"),
         (['zzzzzzzz=text'], "unknown setting 'zzzzzzzz': `pfd info LOG` lists all"),
         (['payload.mass'], "--what-if takes KEY=VALUE, got 'payload.mass'"),
         (['=2'], "--what-if takes KEY=VALUE, got '=2'"),
@@ -565,10 +449,8 @@ def test_nothing_is_overwritten(swing: Path, tmp_path: Path) -> None:
         (['friction=[1,2]', 'friction.elbow=2'], 'is given for all joints and for one'),
         (['payload.mass=NaN'], 'payload.mass holds nan, expected finite numbers'),
         (['payload.mass=x'], "payload.mass is 'x', expected a number"),
-        (['payload.mass=1e999'], 'payload.mass holds inf, expected finite numbers'),
         (['payload.mass=-1'], 'payload.mass is -1.0, expected 0.0 to 100000.0'),
         (['substeps=1.5'], 'substeps is 1.5, expected a whole number'),
-        (['substeps=true'], 'substeps is True, expected a whole number'),
         (['damping=1'], 'damping is 1, expected true or false'),
         (['damping=[.5, 1]'], "damping is '[.5, 1]', expected JSON such as 0.5, [0.5, 1.0]"),
         (['damping.elbow=.5'], "damping.elbow is '.5', expected JSON such as 0.5"),
@@ -577,7 +459,6 @@ def test_nothing_is_overwritten(swing: Path, tmp_path: Path) -> None:
         (['damping=[1, 2, 3]'], 'damping holds 3 numbers, expected 2, one for each joint'),
         (['damping.wrist=2'], "damping.wrist: no such joint; joints are ['shoulder', 'elbow']"),
         (['integrator=euler'], "integrator is 'euler', expected one of ['auto', 'rk4'"),
-        (['step_size=1'], 'step_size is 1.0, expected 1e-05 to 0.1'),
         (['publish_rate=300'], 'expected a whole number of steps'),
         (['robot=ur6'], "unknown robot 'ur6'"),
         (['robot=ur5'], "'ur5' has none of the joints ['shoulder', 'elbow'] of the log"),
@@ -588,41 +469,22 @@ def test_nothing_is_overwritten(swing: Path, tmp_path: Path) -> None:
         (['time_source=clock'], 'time_source cannot be changed: the log says when'),
         (['recording_time=wall'], 'recording_time cannot be changed'),
         (['on_timeout=hold'], "on_timeout is 'hold', expected servo_p above 0"),
-    ],
-    ids=lambda value: value[:40] if isinstance(value, str) else str(value)[:40],
-)
-def test_a_wrong_word_is_one_line_and_writes_nothing(
-    words: Sequence[str], message: str, swing: Path
-) -> None:
-    with pytest.raises(ValueError, match=re.escape(message)) as refused:
-        what_if(swing, words)
-    assert len(str(refused.value)) < 800
-    assert list(Path().iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ('given', 'message'),
-    [
         ({'states': '/a'}, '--states and --rename are for bags'),
         ({'rename': {'a': 'b'}}, '--states and --rename are for bags'),
         ({'commands': '/a', 'changes': ['robot=planar2']}, "has no messages on '/a'"),
         ({'commands': ARRAY}, '--commands needs robot='),
-        ({'thresholds': (1.0, -1.0, 1.0)}, 'thresholds must be 3 numbers'),
-        ({'thresholds': (1.0, 1.0)}, 'thresholds must be 3 numbers'),
         ({'thresholds': (1.0, math.nan, 1.0)}, 'thresholds must be 3 numbers'),
     ],
+    ids=lambda value: value[:40] if isinstance(value, str) else str(value)[:40],
 )
-def test_wrong_arguments_are_refused_and_write_nothing(
-    given: dict[str, Any], message: str, swing: Path
+def test_a_wrong_word_or_argument_is_one_line_and_writes_nothing(
+    words: list[str] | dict[str, Any], message: str, swing: Path
 ) -> None:
-    with pytest.raises(ValueError, match=message):
+    given = words if isinstance(words, dict) else {'changes': words}
+    with pytest.raises(ValueError, match=re.escape(message)) as refused:
         what_if(swing, **given)
+    assert len(str(refused.value)) < 800
     assert list(Path().iterdir()) == []
-
-
-def test_a_file_that_cannot_be_written_is_an_error(swing: Path) -> None:
-    with pytest.raises(OSError, match='nowhere'):
-        what_if(swing, out=Path('/nowhere/b.mcap'))
 
 
 @pytest.mark.parametrize('kind', ['folder', 'foreign', 'text'])
@@ -639,7 +501,6 @@ def test_other_logs_are_refused_with_the_option_for_bags_and_other_files_without
     with pytest.raises(LogError, match=r'a\.mcap is') as error:
         what_if(path, ['payload.mass=1'])
     assert ('--commands' in str(error.value)) == (kind != 'text')
-    assert list(Path().iterdir()) == []
 
 
 # ---- bags of any arm
@@ -662,23 +523,26 @@ def told(at: float, tau: Any, names: Sequence[str] = NAMES) -> Row:
     return Row('/c', at, joint_state(names, (), tau=tau, stamp=at))
 
 
-def motion(rows: np.ndarray, mass: float = 0.0) -> pfd.Trajectory:
+def motion(rows: np.ndarray) -> pfd.Trajectory:
     """Return the motion of planar2 under efforts for each step."""
-    scene = pfd.Scene(payload=pfd.Payload(mass)) if mass else None
-    sim = pfd.Simulator(pfd.load_robot('planar2'), scene, step_size=H)
+    sim = pfd.Simulator(pfd.load_robot('planar2'), step_size=H)
     sim.reset(Q0, QD0)
     return sim.rollout(rows)
+
+
+def held(count: int = 120) -> tuple[np.ndarray, np.ndarray]:
+    """Return the states of planar2 every 4 steps, under efforts that change with them."""
+    found = motion(np.repeat(taus(count), 4, axis=0))
+    return np.vstack([[Q0], found.q[3:-1:4]]), np.vstack([[QD0], found.qd[3:-1:4]])
 
 
 def bag_of(path: Path, start: float = 100.0, prefix: str = '') -> Path:
     """Write a bag of planar2 with states and efforts in one topic, 4 steps apart."""
     names = [f'{prefix}{name}' for name in NAMES]
-    found = motion(np.repeat(taus(120), 4, axis=0))
-    q, qd = np.vstack([[Q0], found.q[3:-1:4]]), np.vstack([[QD0], found.qd[3:-1:4]])
-    rows = [
-        Row(STATES, start + 4 * k * H, joint_state(names, *state, stamp=start + 4 * k * H))
-        for k, state in enumerate(zip(q, qd, taus(120), strict=True))
-    ]
+    rows = []
+    for k, state in enumerate(zip(*held(), taus(120), strict=True)):
+        at = start + 4 * k * H
+        rows.append(Row(STATES, at, joint_state(names, *state, stamp=at)))
     return write_mcap(path, rows)
 
 
@@ -690,7 +554,7 @@ def run(path: Path, commands: str = STATES, *words: str, **given: Any) -> WhatIf
 
 @pytest.mark.parametrize('start', [0.0, 100.0, 1.7e9])
 def test_an_arm_that_is_the_recorded_one_follows_its_bag(tmp_path: Path, start: float) -> None:
-    found = run(bag_of(tmp_path / 'bag.mcap', start))
+    found = run(bag_of(tmp_path / 'bag.mcap', start), rounding=start == 100.0)
     assert found.states == 120
     assert max(numbers(found, 'position')) < ROUNDING
     assert max(numbers(found, 'velocity')) < 100 * ROUNDING
@@ -701,25 +565,16 @@ def test_an_arm_that_is_the_recorded_one_follows_its_bag(tmp_path: Path, start: 
     new = read_log(found.log)[STATES]
     assert new.time[0] == pytest.approx(max(start, H), abs=1e-6)
     np.testing.assert_array_equal(new.position[0], Q0)
-
-
-def test_another_payload_diverges_as_in_a_simulation(tmp_path: Path) -> None:
-    bag = bag_of(tmp_path / 'bag.mcap')
-    found = run(bag, STATES, 'payload.mass=0.5', rounding=True)
-    new = motion(np.repeat(taus(120), 4, axis=0), 0.5).q[3:-1:4]
-    sizes = np.abs(new - read_log(bag)[STATES].position[1:])
-    np.testing.assert_allclose(numbers(found, 'position'), sizes.max(axis=0), atol=1e-9)
-    assert 0 < max(numbers(found, 'position', of='rounding')) < 1e-12
+    if start == 100.0:
+        assert 0 < max(numbers(found, 'position', of='rounding')) < 1e-12
 
 
 def test_efforts_without_names_act_in_the_order_of_the_joints(tmp_path: Path) -> None:
-    start, rows = 5.0, []
-    found = motion(np.repeat(taus(120), 4, axis=0))
-    q, qd = np.vstack([[Q0], found.q[3:-1:4]]), np.vstack([[QD0], found.qd[3:-1:4]])
-    for k, tau in enumerate(taus(120)):
-        at = start + 4 * k * H
+    rows = []
+    for k, (q, qd, tau) in enumerate(zip(*held(), taus(120), strict=True)):
+        at = 5.0 + 4 * k * H
         # Their stamps have another clock.
-        state = joint_state(NAMES[::-1], q[k][::-1], qd[k][::-1], stamp=at + 77.0)
+        state = joint_state(NAMES[::-1], q[::-1], qd[::-1], stamp=at + 77.0)
         rows += [Row('/states', at, state), floats('/efforts', at, *tau[::-1])]
     bag = write_mcap(tmp_path / 'bag.mcap', rows, {'/efforts': FLOATS})
     result = run(bag, '/efforts', 'joints=[elbow, shoulder]')
@@ -751,21 +606,12 @@ def test_messages_are_put_in_the_order_of_their_stamps(tmp_path: Path) -> None:
     rows += [told(at, tau) for at, tau in zip((1.0, 1.004), taus(2), strict=True)]
     # States come late in the log.
     rows += [shown(at)._replace(at=1.02 + at) for at in (1.002, 1.008)]
-    found = run(write_mcap(tmp_path / 'bag.mcap', rows), '/c')
-    assert found.times == 'stamps'
-    new = read_log(found.log)[STATES]
     wanted = motion(np.repeat(taus(2), 4, axis=0)).q
-    np.testing.assert_allclose(new.position[1:9], wanted, atol=ROUNDING)
-
-
-def test_the_file_may_have_any_order(tmp_path: Path) -> None:
-    rows = [shown(1.0 + 4 * k * H) for k in range(9)]
-    rows += [told(1.0 + 4 * k * H, tau) for k, tau in enumerate(taus(9))]
-    logs = []
     for order in (1, -1):
-        bag = write_mcap(tmp_path / f'bag{order}.mcap', rows[::order])
-        logs.append(states_of(run(bag, '/c').log))
-    assert logs[0] == logs[1]
+        found = run(write_mcap(tmp_path / f'bag{order}.mcap', rows[::order]), '/c')
+        assert found.times == 'stamps'
+        new = read_log(found.log)[STATES]
+        np.testing.assert_allclose(new.position[1:9], wanted, atol=ROUNDING)
 
 
 def test_several_publishers_of_one_topic_are_joined_by_joint(tmp_path: Path) -> None:
@@ -787,11 +633,9 @@ def test_several_publishers_of_one_topic_are_joined_by_joint(tmp_path: Path) -> 
 
 def test_joints_without_a_command_stay_braked(tmp_path: Path) -> None:
     known = [*NAMES, 'finger']
-    rows = [shown(1.0, known, [*Q0, 9.0], [0.0] * 3)]
+    rows = [shown(at, known, [*Q0, 9.0], [0.0] * 3) for at in (1.0, 1.009)]
     rows += [told(1 + k * H, (2.0, 5.0), ['elbow', 'finger']) for k in range(9)]
-    rows += [shown(1.009, known, [*Q0, 9.0], [0.0] * 3)]
     found = run(write_mcap(tmp_path / 'bag.mcap', rows), '/c')
-    assert found.only_in_log == ('finger',)
     new = read_log(found.log)[STATES]
     assert (new.position[:, 0] == Q0[0]).all()
     assert new.position[-1, 1] != Q0[1]
@@ -800,8 +644,10 @@ def test_joints_without_a_command_stay_braked(tmp_path: Path) -> None:
 def test_messages_that_cannot_be_used_are_counted(tmp_path: Path) -> None:
     given = ([1.0, 2.0], [1.0], [np.inf, 1.0], [np.nan, 3.0], [4.0, 5.0])
     rows = [shown(1.0), *(told(1 + k * H, tau) for k, tau in enumerate(given)), shown(1.008)]
+    rows.append(Row('/c', 1.004, told(1.004, (1, 2)).data[:-9]))
     found = run(write_mcap(tmp_path / 'bag.mcap', rows), '/c')
     assert found.rejected == {'ragged': 1, 'infinite': 1}
+    assert found.problems == ['1 messages of /c cannot be read']
     new = read_log(found.log)[STATES]
     assert new.effort[1:7].tolist() == [[1, 2]] * 3 + [[1, 3], [4, 5], [4, 5]]
     arrays = [shown(1.0), floats('/f', 1.0, 1.0), floats('/f', 1.001, 1.0, 2.0)]
@@ -816,9 +662,7 @@ def test_names_of_joints_are_replaced_from_their_beginning(tmp_path: Path) -> No
     bag = bag_of(tmp_path / 'bag.mcap', prefix='left_')
     with pytest.raises(LogError, match=r"none of its joints \['left_shoulder', 'left_elbow'\]"):
         what_if(bag, ['robot=planar2'], commands=STATES)
-    assert list(Path().iterdir()) == []
-    found = run(bag, rename={'left_': ''})
-    assert max(numbers(found, 'position')) < ROUNDING
+    assert max(numbers(run(bag, rename={'left_': ''}), 'position')) < ROUNDING
 
 
 @pytest.mark.parametrize(
@@ -866,42 +710,8 @@ def test_a_recording_of_the_node_is_a_bag_too(tmp_path: Path) -> None:
         for k, tau in enumerate(taus(100), 1)
         if k % 4 == 2
     }
-    simulate(tmp_path / 'a.mcap', 100, events, **UNCUT)
+    simulate(tmp_path / 'a.mcap', 100, events, **UNLIMITED)
     words = ['robot=planar2', 'effort_limits=false', 'torque_speed=false']
     found = what_if(tmp_path / 'a.mcap', words, commands='/joint_commands')
     assert found.times == 'stamps'
     assert {item.largest for item in found.divergences} == {0.0}
-
-
-@pytest.mark.parametrize(
-    ('name', 'robot', 'rename'),
-    [
-        ('panda_exciting_trajectory', 'panda', {'fer_': 'panda_'}),
-        ('ur10_exciting_trajectory', 'ur_description/urdf/ur10_robot.urdf', {}),
-    ],
-)
-def test_efforts_of_real_arms_act_at_their_times(
-    real_arms: Path, name: str, robot: str, rename: dict[str, str]
-) -> None:
-    bag = real_arms / name
-    source = robot if robot == 'panda' else str(example_robot(robot))
-    words = [f'robot={source}', 'effort_limits=false', 'torque_speed=false', 'integrator=rk4']
-    found = what_if(bag, words, commands=STATES, rename=rename)
-    recorded = read_log(bag)[STATES]
-    assert found.states == len(recorded)
-    assert not found.rejected
-    assert (found.only_in_log, found.only_in_arm) == ((), ())
-    assert verify_log(found.log).complete
-    # The first tenth of a second, by a simulator whose efforts this test holds.
-    steps = np.arange(100)
-    times = recorded.time - recorded.time[0]
-    held = np.searchsorted(np.ceil(times / H - 1e-6), steps, 'right') - 1
-    model = pfd.load_robot(source)
-    new = read_log(found.log)[STATES]
-    old = [rename.get(n[:4], n[:4]) + n[4:] for n in recorded.names]
-    order = [old.index(joint) for joint in model.joint_names]
-    sim = pfd.Simulator(model, step_size=H, integrator='rk4')
-    sim.reset(recorded.position[0, order], recorded.velocity[0, order])
-    wanted = sim.rollout(recorded.effort[held][:, order])
-    back = [new.names.index(joint) for joint in model.joint_names]
-    np.testing.assert_allclose(new.position[1:101, back], wanted.q, atol=1e-9)

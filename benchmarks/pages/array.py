@@ -181,7 +181,7 @@ def _acting(rows: Iterable[Row], design: str) -> list[str]:
     cycles = range(1, max(x['cycle'] for x in own) + 1)
     cells = sorted({(x['row'], x['column']) for x in own})
     return grid(
-        {(f'P_{k}{i}', t): known.get((k, i, t), '') for k, i in cells for t in cycles}, 'cycle'
+        {(t, f'P_{k}{i}'): known.get((k, i, t), '') for t in cycles for k, i in cells}, 'cycle'
     )
 
 

@@ -43,8 +43,7 @@ SETTINGS = {
     'PlantSettings': 'Effects',
     'DescriptionSettings': 'Description and ros2_control',
     'CommandSettings': 'Commands and motors',
-    'SensorSettings': 'Sensors',
-    'OutputSettings': 'Outputs',
+    'SensorSettings': 'Outputs and sensors',
 }
 # Roles that are in recordings alone.
 RECORDED = ('tf', 'tf_static', 'rejected_counts')

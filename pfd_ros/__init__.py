@@ -34,8 +34,8 @@ To change or add
     a parameter             a field of arm.settings.Settings, a line of config/sim_arm.yaml
     NaN in a command        arm.commands.named (keeps the last value), arm.commands.array (the
                             message is refused)
-    a rejected command      judged in arm.commands, recorded by arm.engine.Engine and
-                            arm.refusals.refusal, logged by node.report.report_arm
+    a rejected command      judged in arm.commands, counted and recorded by arm.engine.Engine,
+                            logged by node.report.report_arm
     log lines, diagnostics  node.report, node.diagnostics
     metadata of recordings  recording.format.HeadKey and recording.format.EndKey, written by
                             recording.recorder.Recorder; from recording.provenance.versions and

@@ -19,7 +19,6 @@
     commands        the rules for a command, NaN and infinity among them
     wrench          the rule for external wrenches, and frames that the last link carries
     other_inputs    the rules for requests, states to set, settings, payloads, a followed clock
-    refusals        what is recorded of refused inputs, and counts of floods
     frames          the frames of a URDF's links, for /tf of a recording
     outputs         the messages of a cycle: state, clock, frames, model, tip, energy
     engine          events in, one cycle, messages out: the only mutator of the state

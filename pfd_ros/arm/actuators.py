@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
-from pfd_ros.arm.plant import in_model_order
+from pfd_ros.arm.plant_settings import in_model_order
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.state import State
 from pfd_ros.text import cut

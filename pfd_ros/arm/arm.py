@@ -18,10 +18,10 @@ import pfd_core as pfd
 from pfd_ros.arm import actuators
 from pfd_ros.arm.actuators import Actuators
 from pfd_ros.arm.link import Link, stop
-from pfd_ros.arm.plant import Plant, Plants, in_model_order
-from pfd_ros.arm.plant_settings import check_joints_without_values
+from pfd_ros.arm.plant import Plant, Plants
+from pfd_ros.arm.plant_settings import check_joints_without_values, in_model_order
 from pfd_ros.arm.sensors import Sensors
-from pfd_ros.arm.settings import Settings, check_joint_counts, check_servo, joint_order
+from pfd_ros.arm.settings import Settings, check_counts, joint_order
 from pfd_ros.arm.state import ACTED, BRAKE, EFFORT, POSITION, State
 
 
@@ -41,21 +41,15 @@ class Arm:
     """
 
     def __init__(self, settings: Settings, robot: pfd.Robot) -> None:
-        check_joint_counts(settings, robot.n)
-        check_servo(settings)
+        check_counts(settings, robot.n)
         self.robot = robot
         self.order = np.array(joint_order(settings.joints, robot))
         self.names = tuple(robot.joint_names[k] for k in self.order)
         self.place = {name: k for k, name in enumerate(robot.joint_names)}
-        self.locked = settings.published_locks
+        self.locked = settings.locks if settings.publish_locked else {}
         check_joints_without_values(settings, robot, self.names)
         same = list(self.order) == list(range(robot.n))
         self.all_joints: Any = slice(None) if same else self.order
-        given = len(settings.initial_positions)
-        if given not in (0, robot.n):
-            raise ValueError(
-                f'initial_positions holds {given} numbers, expected {robot.n} or none'
-            )
         self.start = in_model_order(settings.initial_positions, self.order)
         self.plants = Plants(settings, robot, self.order)
         plant = self.plants.prepare(settings)

@@ -135,7 +135,7 @@ def _numbers(arm: Arm, joints: Joints, known: list[int], index: list[int]) -> tu
                 'no_effort', f'no effort for {listed(idle)}, and no servo gain for their targets'
             )
     if not given.any():
-        raise RefusedError(*ALL_NAN[:2])
+        raise RefusedError(*ALL_NAN)
     return (
         places[given],
         effort[given] if len(joints.effort) else None,

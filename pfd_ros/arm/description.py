@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 import re
-from typing import Any
+from typing import Any, NamedTuple
 import xml.etree.ElementTree as ElementTree
 
 import pfd_core as pfd
@@ -28,10 +28,12 @@ TOPIC_HARDWARE = (
     'joint_state_topic_hardware_interface/JointStateTopicSystem',
     'topic_based_ros2_control/TopicBasedSystem',
 )
+# The hardware sends no commands that differ less from its states; below zero it sends all.
+THRESHOLD = 'trigger_joint_command_threshold'
 CODE_DEFAULTS = {
     'joint_commands_topic': '/robot_joint_commands',
     'joint_states_topic': '/robot_joint_states',
-    'trigger_joint_command_threshold': '1e-5',
+    THRESHOLD: '1e-5',
 }
 NUMBER = re.compile(r'[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?', re.ASCII)
 # Elements of a joint with an initial value of its position.
@@ -39,31 +41,15 @@ INITIAL_POSITION = "state_interface[@name='position']/param[@name='initial_value
 UNREAD = 'ros2_control:=false leaves the block unread'
 
 
-@dataclass(frozen=True)
-class Ros2Control:
-    """The contents of the `<ros2_control>` blocks of a URDF.
+class Ros2Control(NamedTuple):
+    """What the `<ros2_control>` blocks of a URDF configure."""
 
-    Attributes
-    ----------
-    topics
-        Role -> topic at which hardware that talks over topics has its other end.
-    threshold
-        The hardware sends no commands that differ less from its states; negative: it sends all.
-        None without such hardware.
-    takes_effort
-        The joints that have a command interface for effort.
-    positions
-        Joint -> initial value of its position, rad or m.
-    ragged
-        Command interfaces that only some joints of the hardware have. Its messages then have the
-        names of all joints and shorter arrays.
-    """
-
-    topics: Mapping[str, str] = field(default_factory=dict)
-    threshold: float | None = None
-    takes_effort: frozenset[str] = frozenset()
-    positions: Mapping[str, float] = field(default_factory=dict)
-    ragged: frozenset[str] = frozenset()
+    # Role -> topic at which hardware that talks over topics has its other end.
+    topics: Mapping[str, str] = {}
+    # Joint -> initial value of its position, rad or m.
+    positions: Mapping[str, float] = {}
+    # Why its hardware will lose commands.
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -76,16 +62,20 @@ class DescribedRobot:
         As `load_robot` returns it.
     settings
         Those given, with initial values and followers of its URDF.
-    control
-        The `<ros2_control>` blocks of its URDF, if they are to be read.
     urdf
         The URDF; None for a robot from another file.
+    topics
+        Role -> topic of its `<ros2_control>` blocks, if they are to be read.
+    taken, warnings
+        Lines about settings from these blocks, and about what is wrong with them.
     """
 
     robot: pfd.Robot
     settings: Settings
-    control: Ros2Control = field(default_factory=Ros2Control)
     urdf: pfd.Urdf | None = None
+    topics: Mapping[str, str] = field(default_factory=dict)
+    taken: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @property
     def text(self) -> str:
@@ -126,7 +116,8 @@ def link_frames(text: str, settings: Settings, robot: pfd.Robot) -> LinkFrames:
 def described_robot(settings: Settings, source: str | pfd.Urdf) -> DescribedRobot:
     """Return the robot of a source: a name, a path, the text of a URDF, or a URDF.
 
-    ValueError if it cannot be loaded, or a `<ros2_control>` block breaks a rule.
+    Given positions have precedence over those of its blocks. ValueError if it cannot be loaded,
+    or a block breaks a rule.
     """
     urdf = source if isinstance(source, pfd.Urdf) else pfd.read_urdf(source)
     if urdf is None:
@@ -135,14 +126,28 @@ def described_robot(settings: Settings, source: str | pfd.Urdf) -> DescribedRobo
     control = Ros2Control()
     if settings.ros2_control:
         control = read_ros2_control(urdf, robot.joint_names)
-    filled = with_initial_values(settings, robot.joint_names, control)
+    at, names = control.positions, settings.joints or robot.joint_names
+    chosen: dict[str, Any] = {}
+    for name, joints in (('initial_positions', names), ('locked_positions', settings.locked)):
+        if not getattr(settings, name) and not at.keys().isdisjoint(joints):
+            chosen[name] = tuple(at.get(joint, 0.0) for joint in joints)
+    filled = replace(settings, **chosen)
+    taken = tuple(f'{name} from <ros2_control>: {list(chosen[name])}' for name in chosen)
+    given = {**dict(zip(names, filled.initial_positions, strict=False)), **filled.locks}
+    off = [name for name, position in at.items() if given.get(name, position) != position]
+    warnings = control.warnings
+    if off:
+        warnings += (
+            f'initial positions of {listed(off)} differ between <ros2_control> and the '
+            'parameters: the parameters are used',
+        )
     if filled.locks != settings.locks:
         robot = load_robot(filled, urdf)
     # Joints that mimic locked ones are locked too, and so published.
     locks = urdf.with_followers(filled.locks)
     if locks != filled.locks:
         filled = replace(filled, locked=tuple(locks), locked_positions=tuple(locks.values()))
-    return DescribedRobot(robot, filled, control, urdf)
+    return DescribedRobot(robot, filled, urdf, control.topics, taken, warnings)
 
 
 def load_robot(settings: Settings, source: str | pfd.Urdf) -> pfd.Robot:
@@ -171,8 +176,7 @@ def read_ros2_control(urdf: pfd.Urdf, moving: Collection[str]) -> Ros2Control:
     `moving` are the joints of the arm; hardware without any of them belongs to another arm.
     """
     hardware: set[tuple[str, str, float]] = set()
-    ragged: set[str] = set()
-    takes_effort: set[str] = set()
+    ragged, takes_effort = set[str](), False
     positions: dict[str, float] = {}
     for block in ElementTree.fromstring(urdf.text.strip()).findall('ros2_control'):
         # Where two joints have one name, the last one counts.
@@ -181,6 +185,7 @@ def read_ros2_control(urdf: pfd.Urdf, moving: Collection[str]) -> Ros2Control:
             name: {kind.get('name', '') for kind in joint.findall('command_interface')}
             for name, joint in joints.items()
         }
+        takes_effort |= any('effort' in commands[name] for name in joints if name in moving)
         if not joints.keys().isdisjoint(moving):
             found = set(filter(None, map(_hardware, block.findall('hardware'))))
             hardware |= found
@@ -188,22 +193,34 @@ def read_ros2_control(urdf: pfd.Urdf, moving: Collection[str]) -> Ros2Control:
                 kinds = list(commands.values())
                 ragged |= set().union(*kinds) - kinds[0].intersection(*kinds)
         for name, joint in joints.items():
-            takes_effort.update({name} if 'effort' in commands[name] else ())
             for value in joint.findall(INITIAL_POSITION):
                 position = _number(f'initial_value of joint {cut(name)!r}', _text(value))
                 if positions.setdefault(name, position) != position:
                     raise ValueError(
                         f'<ros2_control> has two initial values for joint {cut(name)!r}; {UNREAD}'
                     )
+    if not hardware:
+        return Ros2Control({}, positions)
     if len(hardware) > 1:
         raise ValueError(
             f'two <ros2_control> blocks for joints of the arm have different topics; {UNREAD}'
         )
-    rest = frozenset(takes_effort), positions, frozenset(ragged)
-    if not hardware:
-        return Ros2Control({}, None, *rest)
     ((commands_topic, states_topic, threshold),) = hardware
-    return Ros2Control({NAMED: commands_topic, STATES: states_topic}, threshold, *rest)
+    warnings = []
+    if threshold >= 0 and takes_effort:
+        warnings.append(
+            f'trigger_joint_command_threshold is {threshold:g}: the hardware compares its '
+            'commands with joint_states, whose effort is the command, and sends none while an '
+            f'effort is steady; set <param name="{THRESHOLD}">-1</param> in <hardware>'
+        )
+    if ragged:
+        warnings.append(
+            f'only some joints of the hardware have the command interface '
+            f'{listed(sorted(ragged))}: it sends arrays shorter than its names, and such '
+            'messages are dropped; give all joints of the block the same command interfaces'
+        )
+    topics = {NAMED: commands_topic, STATES: states_topic}
+    return Ros2Control(topics, positions, tuple(warnings))
 
 
 def _text(element: ElementTree.Element | None) -> str:
@@ -217,7 +234,7 @@ def _hardware(element: ElementTree.Element) -> tuple[str, str, float] | None:
     if plugin not in TOPIC_HARDWARE and given.keys().isdisjoint(CODE_DEFAULTS):
         return None
     commands, states, threshold = ({**CODE_DEFAULTS, **given}[key] for key in CODE_DEFAULTS)
-    return commands, states, _number('trigger_joint_command_threshold', threshold)
+    return commands, states, _number(THRESHOLD, threshold)
 
 
 def _number(label: str, text: str) -> float:
@@ -226,57 +243,3 @@ def _number(label: str, text: str) -> float:
             f'{label} in <ros2_control> is {cut(text)!r}, expected a number; {UNREAD}'
         )
     return float(text)
-
-
-def with_initial_values(
-    settings: Settings, moving: Collection[str], control: Ros2Control
-) -> Settings:
-    """Return settings with the positions of the blocks where none are given."""
-    at = control.positions
-    chosen: dict[str, Any] = {}
-    if not settings.initial_positions and not at.keys().isdisjoint(moving):
-        order = settings.joints or moving
-        chosen['initial_positions'] = tuple(at.get(name, 0.0) for name in order)
-    if not settings.locked_positions and not at.keys().isdisjoint(settings.locked):
-        chosen['locked_positions'] = tuple(at.get(name, 0.0) for name in settings.locked)
-    return replace(settings, **chosen)
-
-
-def differences(settings: Settings, moving: Collection[str], control: Ros2Control) -> str:
-    """Return in which positions given parameters and the blocks differ, '' if in none."""
-    names = settings.joints or tuple(moving)
-    given = dict(zip(names, settings.initial_positions, strict=False)) | settings.locks
-    off = [
-        name
-        for name, position in control.positions.items()
-        if given.get(name, position) != position
-    ]
-    if not off:
-        return ''
-    return (
-        f'initial positions of {listed(off)} differ between <ros2_control> and the parameters: '
-        'the parameters are used'
-    )
-
-
-def ragged_trap(control: Ros2Control) -> str:
-    """Return a warning about hardware whose messages are dropped, '' without any."""
-    if not control.ragged:
-        return ''
-    return (
-        f'only some joints of the hardware have the command interface '
-        f'{listed(sorted(control.ragged))}: it sends arrays shorter than its names, and such '
-        'messages are dropped; give all joints of the block the same command interfaces'
-    )
-
-
-def silence_trap(moving: Collection[str], control: Ros2Control) -> str:
-    """Return a warning about hardware that falls silent at a steady effort, '' without any."""
-    threshold = control.threshold
-    if threshold is None or threshold < 0 or control.takes_effort.isdisjoint(moving):
-        return ''
-    return (
-        f'trigger_joint_command_threshold is {threshold:g}: the hardware compares its '
-        'commands with joint_states, whose effort is the command, and sends none while an effort '
-        'is steady; set <param name="trigger_joint_command_threshold">-1</param> in <hardware>'
-    )

@@ -21,11 +21,12 @@ from collections.abc import Callable, Collection, Sequence
 from copy import deepcopy
 
 import pfd_core as pfd
-from pfd_ros.arm import commands, other_inputs, refusals, wrench
+from pfd_ros.arm import commands, other_inputs, wrench
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.events import (
     ACCEPTED,
     ALL,
+    ALL_NAN,
     ANSWERS,
     ARRAY,
     CLOCK_TICKS,
@@ -36,6 +37,8 @@ from pfd_ros.arm.events import (
     NAMED,
     PARAMETERS,
     PAYLOAD,
+    REJECTED,
+    REJECTED_COUNTS,
     REQUESTS,
     SET_STATE,
     WRENCH,
@@ -43,13 +46,13 @@ from pfd_ros.arm.events import (
     Message,
     RefusedError,
     Verdict,
-    malformed,
 )
 from pfd_ros.arm.frames import LinkFrames
 from pfd_ros.arm.outputs import Outputs
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.state import State
 from pfd_ros.messages.cdr import NANOSECONDS
+from pfd_ros.messages.text_and_arrays import encode_string
 from pfd_ros.text import cut
 
 RULES: dict[str, Callable[[Arm, bytes], Change]] = {
@@ -64,6 +67,9 @@ RULES: dict[str, Callable[[Arm, bytes], Change]] = {
 }
 # No message that means something is longer.
 LARGEST = 1 << 16
+# Refused inputs of a kind, role and label, are recorded up to so many bytes in a simulated second,
+# with so many for each, and counted beyond that: no flood fills the disk.
+REFUSED_BYTES, OVERHEAD = 1 << 16, 100
 # The largest time of a stamp, ns: its seconds have 31 bits.
 LAST_NS = (1 << 31) * NANOSECONDS - 1
 # Settings that may differ between the run that saved a state and the run that continues from it.
@@ -174,14 +180,20 @@ class Engine(Arm):
     def _take(self, role: str, data: bytes, messages: list[Message]) -> Verdict:
         """Check an event and let it act; add its messages, and return its verdict."""
         state = self.state
-        waited = state.waits
-        verdict = ACCEPTED
+        waited, verdict = state.waits, ACCEPTED
         try:
-            change, arguments = self._checked(role, data)
+            if len(data) > LARGEST:
+                raise RefusedError('malformed', f'{len(data)} bytes, expected {LARGEST} at most')
+            if not state.active and role in MOVING:
+                raise RefusedError(*INACTIVE)
+            change, arguments = RULES[role](self, data)
+        except RefusedError as error:
+            verdict = Verdict(*error.args)
         except MemoryError:
             raise
         except Exception as error:  # a rule has changed nothing
-            verdict = error.verdict if isinstance(error, RefusedError) else malformed(error)
+            why = ' '.join(str(error).split())[:200] or type(error).__name__
+            verdict = Verdict('malformed', why)
         else:
             remarks = change(self, *arguments)
             if remarks:
@@ -189,25 +201,11 @@ class Engine(Arm):
         if self.lockstep and role in COMMANDS and verdict.label in ANSWERS:
             state.commanded |= verdict.accepted
             state.waits = False
-        if role not in self._inputs and verdict.accepted:
-            return verdict
-        # Of a long one as much as a replay needs to refuse it, too.
-        event = Message(role, data[: LARGEST + 1], state.cycle + 1)
-        if verdict.accepted:
-            messages.append(event)
-        else:
-            found = refusals.refusal(state, event, verdict, changed=state.waits != waited)
-            # A rejection without its input would be no proof.
-            messages += [m for m in found if {m.role, role} <= self.roles]
+        if not verdict.accepted:
+            self._add_refused(role, data, verdict, messages, changed=state.waits != waited)
+        elif role in self._inputs:
+            messages.append(Message(role, data, state.cycle + 1))
         return verdict
-
-    def _checked(self, role: str, data: bytes) -> Change:
-        """Return what the rule of an event returns, or raise what it raises."""
-        if len(data) > LARGEST:
-            raise RefusedError('malformed', f'{len(data)} bytes, expected {LARGEST} at most')
-        if not self.state.active and role in MOVING:
-            raise RefusedError(*INACTIVE[:2])
-        return RULES[role](self, data)
 
     def _remarked(self, role: str, remarks: tuple[Verdict, ...]) -> Verdict:
         """Count the remarks about an accepted event; return its verdict."""
@@ -216,6 +214,30 @@ class Engine(Arm):
             kind = f'{role} {remark.label}'
             noted[kind] = noted.get(kind, 0) + 1
         return Verdict(ACCEPTED.label, '; '.join(remark.detail for remark in remarks), remarks)
+
+    def _add_refused(
+        self, role: str, data: bytes, verdict: Verdict, messages: list[Message], *, changed: bool
+    ) -> None:
+        """Count a refused event; add it and its rejection, unless they are of a flood.
+
+        One that changes the arm, since lockstep goes on after it, is always added: a replay needs
+        it.
+        """
+        state, kind = self.state, f'{role} {verdict.label}'
+        used, more = state.refused.get(kind, (0, 0))
+        if used > REFUSED_BYTES and not changed:
+            state.refused[kind] = used, more + 1
+            return
+        # Of a long one as much as a replay needs to refuse it, too.
+        data = data[: LARGEST + 1]
+        state.refused[kind] = used + len(data) + OVERHEAD, more
+        if role not in self._inputs:
+            return
+        messages.append(Message(role, data, state.cycle + 1))
+        if verdict.label != ALL_NAN.label and REJECTED in self.roles:
+            # The first line is verified; the rest has words of libraries, which change.
+            rejection = encode_string(f'{kind}\n{verdict.detail}')
+            messages.append(Message(REJECTED, rejection, state.cycle + 1))
 
     def _cycle(self, state: State) -> None:
         state.cycle += 1
@@ -261,8 +283,11 @@ class Engine(Arm):
         return messages
 
     def counts(self) -> list[Message]:
-        """Return asides about what was refused since the last second and is not recorded.
-
-        The counts begin anew.
-        """
-        return [m for m in refusals.counts(self.state) if m.role in self.roles]
+        """Return asides about what was refused in this second and not recorded; count anew."""
+        found = [
+            Message(REJECTED_COUNTS, encode_string(f'{kind}\n{more} more in this second'))
+            for kind, (_, more) in self.state.refused.items()
+            if more and REJECTED_COUNTS in self.roles
+        ]
+        self.state.refused.clear()
+        return found

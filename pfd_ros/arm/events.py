@@ -54,11 +54,7 @@ Change: TypeAlias = tuple[Callable[..., tuple[Verdict, ...] | None], tuple[Any, 
 
 
 class RefusedError(Exception):
-    """An input broke a rule."""
-
-    def __init__(self, label: str, detail: str) -> None:
-        super().__init__(detail)
-        self.verdict = Verdict(label, detail)
+    """An input broke a rule; label and detail of its verdict."""
 
 
 LABELS = (
@@ -75,12 +71,6 @@ ALL_NAN = Verdict('all_nan', 'every number is NaN')
 INACTIVE = Verdict('refused', 'the arm is inactive')
 # In lockstep the arm goes on after one of these; a refusal is by a reflex that has braked it.
 ANSWERS = frozenset({'accepted', 'all_nan', 'refused'})
-
-
-def malformed(error: Exception) -> Verdict:
-    """Return the verdict about an input whose rule raised an exception."""
-    return Verdict('malformed', ' '.join(str(error).split())[:200] or type(error).__name__)
-
 
 INPUT, OUTPUT, ASIDE = 'input', 'output', 'aside'
 

@@ -25,7 +25,7 @@ from pfd_ros.arm.commands import check_joints, check_reach
 from pfd_ros.arm.events import MOST_STEPS, Change, RefusedError
 from pfd_ros.arm.plant import Plant, with_own_effects
 from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD
-from pfd_ros.arm.settings import Settings, check_joint_counts, check_servo, typed_changes
+from pfd_ros.arm.settings import Settings, check_counts, typed_values
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import decode_joints
 from pfd_ros.messages.numbers import decode_clock, decode_numbers
@@ -144,7 +144,7 @@ def _jump(arm: Arm, target: NDArray[Any]) -> None:
 
 def parameters(arm: Arm, data: bytes) -> Change:
     """Check new values of dynamic settings in JSON, all or none."""
-    return _changed(arm, typed_changes(json.loads(decode_string(data))))
+    return _changed(arm, typed_values(json.loads(decode_string(data)), dynamic=True))
 
 
 def payload(arm: Arm, data: bytes) -> Change:
@@ -158,8 +158,7 @@ def payload(arm: Arm, data: bytes) -> Change:
 def changed(arm: Arm, values: Mapping[str, Any]) -> Settings:
     """Return the settings with new values of some fields, or ValueError; nothing is compiled."""
     settings = replace(with_own_effects(arm.state.settings, values), **values)
-    check_joint_counts(settings, len(arm.names))
-    check_servo(settings)
+    check_counts(settings, len(arm.names))
     return settings
 
 

@@ -8,18 +8,17 @@ compiled once, where the method permits it. So the plant is a function of the se
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 import hashlib
 from typing import Any, NamedTuple
 
-import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.arm.events import OPTIONAL, ROLES
 from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD, given_effects, payload_numbers
-from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.settings import POSITION_SUMS, Settings
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.text import cut
 
@@ -134,16 +133,8 @@ def simulator_settings(settings: Settings) -> dict[str, Any]:
         'substeps': settings.substeps,
         'integrator': settings.integrator,
         'method': settings.method,
-        'compensated': settings.compensated,
+        'compensated': POSITION_SUMS[settings.position_sums],
     }
-
-
-def in_model_order(values: Sequence[float], order: NDArray[Any]) -> NDArray[Any]:
-    """Return a setting with a number for each joint in model order, (n,); zeros if it is empty."""
-    numbers = np.zeros(len(order))
-    if len(values):
-        numbers[order] = values
-    return numbers
 
 
 def with_scene_text(settings: Settings) -> Settings:
@@ -162,7 +153,7 @@ def scene_of(settings: Settings, order: NDArray[Any]) -> pfd.Scene:
         scene = _from_text(settings.scene)
     else:
         gravity = settings.gravity if any(settings.gravity) else None
-        scene = pfd.Scene(gravity=gravity, **given_effects(settings, order.tolist()))
+        scene = pfd.Scene(gravity=gravity, **given_effects(settings, order))
     compensated = settings.gravity_compensation or settings.convention == 'franka'
     return replace(
         scene,

@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, TypeVar
 import warnings
 
@@ -63,23 +64,21 @@ def _effect_settings() -> Iterator[tuple[str, str, Any]]:
         if field.kind != PER_JOINT:
             yield field.name, 'float', setting(field.off, field.text, 0.0, field.most)
             continue
-        if field.model:
-            text = f'{field.text}, as the model states it'
-            values: tuple[bool | str, ...] = ()
-            if field.estimated:
-                text += '; estimated: from effort and velocity limits where it states none'
-                values = (False, True, ESTIMATED)
-            kind = 'bool | str' if values else 'bool'
-            yield field.name, kind, setting(False, text, values=values)
-        span = max(field.least, -field.most), field.most
-        default = _of_model(field) if field.model else None
+        if field.estimated:
+            text = '; estimated: from effort and velocity limits where it states none'
+            text, values = f'{field.text}, as the model states it{text}', (False, True, ESTIMATED)
+            yield field.name, 'bool | str', setting(False, text, values=values)
+        elif field.model:
+            yield field.name, 'bool', setting(False, f'{field.text}, as the model states it')
+        default = partial(_of_model, field) if field.model else None
         for k, (name, parameter) in enumerate(joint_settings(field).items()):
             column = parameter.removeprefix(f'{field.name}.')
             text = field.text if column == parameter else f'{field.text}: {column}'
             numbers = setting(
                 (),
                 f'{text}, {field.units(k)}',
-                *span,
+                max(field.least, -field.most),
+                field.most,
                 name=parameter,
                 per_joint=True,
                 joint_default=default or DEFAULTS.get(name),
@@ -87,18 +86,13 @@ def _effect_settings() -> Iterator[tuple[str, str, Any]]:
             yield name, 'tuple[float, ...]', numbers
 
 
-def _of_model(field: Any) -> Callable[[Any, pfd.Robot], NDArray[Any]]:
-    """Return the numbers of a field for each joint: the model's if the switch is on."""
-
-    def default(settings: Any, robot: pfd.Robot) -> NDArray[Any]:
-        switch = getattr(settings, field.name)
-        if switch == ESTIMATED:
-            found: NDArray[Any] = field.resolved(robot, ESTIMATED)
-            return found
-        numbers: NDArray[Any] = field.of_model(robot) * float(bool(switch))
-        return numbers
-
-    return default
+def _of_model(field: Any, settings: Any, robot: pfd.Robot) -> NDArray[Any]:
+    """Return the numbers of a field for each joint: the model's if its switch is on."""
+    switch = getattr(settings, field.name)
+    estimated = switch == ESTIMATED
+    found = field.resolved(robot, ESTIMATED) if estimated else field.of_model(robot)
+    numbers: NDArray[Any] = found * float(bool(switch))
+    return numbers
 
 
 def _with_effects(cls: type[T]) -> type[T]:
@@ -130,8 +124,8 @@ def check_joints_without_values(settings: Any, robot: pfd.Robot, joints: Sequenc
                 )
 
 
-def given_effects(settings: Any, order: Sequence[int]) -> dict[str, Any]:
-    """Return the fields of Scene that settings give, in model order; `order` as of joint_order."""
+def given_effects(settings: Any, order: NDArray[Any]) -> dict[str, Any]:
+    """Return the fields of Scene that settings give, in model order."""
     effects: dict[str, Any] = {}
     for field in EFFECT_FIELDS:
         if field.kind != PER_JOINT or field.model:
@@ -139,17 +133,21 @@ def given_effects(settings: Any, order: Sequence[int]) -> dict[str, Any]:
             effects[field.name] = (value or None) if value is not True else MODEL
         columns = [getattr(settings, name) for name in joint_settings(field)]
         if any(columns):
-            values = np.zeros((len(order), len(columns)))
-            for column, numbers in enumerate(columns):
-                values[list(order), column] = numbers or 0.0
+            values = np.transpose([in_model_order(numbers, order) for numbers in columns])
             given = values if field.columns else values[:, 0]
             effects[field.name] = given if given.any() else None
     return {name: value for name, value in effects.items() if value is not None}
 
 
-def _payload(default: Any, name: str, description: str, most: float) -> Any:
-    least = 0.0 if name == 'mass' else -most
-    return setting(default, description, least, most, name=f'payload.{name}', dynamic=True)
+def in_model_order(values: Sequence[float], order: NDArray[Any]) -> NDArray[Any]:
+    """Return a setting with a number for each joint in model order, (n,); zeros if it is empty."""
+    numbers = np.zeros(len(order))
+    if len(values):
+        numbers[order] = values
+    return numbers
+
+
+_payload = partial(setting, dynamic=True)
 
 
 @dataclass(frozen=True)
@@ -162,12 +160,18 @@ class PlantSettings:
     gravity_compensation: bool = setting(
         False, 'Add the gravity torques of the robot without payload', dynamic=True
     )
-    payload_mass: float = _payload(0.0, 'mass', 'Mass, kg; 0: none, or of the scene', 1e5)
+    payload_mass: float = _payload(
+        0.0, 'Mass, kg; 0: none, or of the scene', 0.0, 1e5, name='payload.mass'
+    )
     payload_center: tuple[float, ...] = _payload(
-        (0.0, 0.0, 0.0), 'center', 'Centre of mass (x, y, z) in the tip link, m', 1e3
+        (0.0,) * 3, 'Centre (x, y, z) in the tip link, m', -1e3, 1e3, name='payload.center'
     )
     payload_inertia: tuple[float, ...] = _payload(
-        (0.0,) * 6, 'inertia', 'Inertia (xx, xy, xz, yy, yz, zz) about its centre, kg m^2', 1e6
+        (0.0,) * 6,
+        'Inertia (xx, xy, xz, yy, yz, zz) about its centre, kg m^2',
+        -1e6,
+        1e6,
+        name='payload.inertia',
     )
     external_wrench: bool = setting(False, 'Take forces on the last link from ~/external_wrench')
     external_wrench_timeout: float = setting(

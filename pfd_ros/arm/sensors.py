@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_ros.arm.noise import Channel, normal, uniform
-from pfd_ros.arm.plant import in_model_order
+from pfd_ros.arm.plant_settings import in_model_order
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.state import State
 from pfd_ros.messages.joints import JOINT_FIELDS

@@ -22,33 +22,23 @@ JointDefault = Callable[[Any, Any], NDArray[Any]] | str | None
 
 
 class Row(NamedTuple):
-    """A setting.
+    """A setting."""
 
-    Attributes
-    ----------
-    field, name
-        Its name in Settings and in recordings, and the name of the parameter of the node.
-    type
-        Annotation, such as 'tuple[float, ...]'.
-    default, description
-        With its unit.
-    range, values
-        Least and largest number, and the values it may have; None and () for any.
-    dynamic
-        Whether it may change while the arm runs.
-    per_joint
-        Whether it holds a number for each joint, in published order, and is a group of parameters
-        `name.<joint>`; empty takes `joint_default`, which is 0 for each joint where it is None.
-    """
-
+    # Its name in Settings and in recordings, and the name of the parameter of the node.
     field: str
     name: str
+    # Annotation, such as 'tuple[float, ...]'.
     type: str
     default: Any
+    # With its unit.
     description: str
+    # Least and largest number, and the values it may have; None and () for any.
     range: tuple[float, float] | None
     values: tuple[str | bool, ...]
+    # Whether it may change while the arm runs.
     dynamic: bool
+    # Whether it holds a number for each joint, in published order, and is a group of parameters
+    # `name.<joint>`; empty takes `joint_default`, which is 0 for each joint where it is None.
     per_joint: bool
     joint_default: JointDefault
 
@@ -74,15 +64,10 @@ def setting(
 @lru_cache
 def rows_of(table: type) -> tuple[Row, ...]:
     """Return the rows of a class of settings."""
+    fields = ((x, x.metadata) for x in dataclasses.fields(table))
     return tuple(
-        Row(
-            field.name,
-            field.metadata['name'] or field.name,
-            str(field.type),
-            field.default,
-            *field.metadata['rest'],
-        )
-        for field in dataclasses.fields(table)
+        Row(x.name, given['name'] or x.name, str(x.type), x.default, *given['rest'])
+        for x, given in fields
     )
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import dataclasses
 from dataclasses import dataclass
+from functools import partial
 import json
 import math
 from typing import Any
@@ -37,7 +38,7 @@ MOST_EVERY = 1e12
 TIME_OF_DAY = -1.0
 # Values of `recording_time`.
 WALL, SIMULATED = 'wall', 'simulated'
-# Values of `position_sums`: whether the simulator compensates; None lets it choose.
+# Values of `position_sums` for the simulator, which chooses for None.
 POSITION_SUMS = {'auto': None, 'plain': False, 'compensated': True}
 # Longest delay of commands and of states, s: a line of this length is kept.
 LONGEST_DELAY = 1.0
@@ -53,26 +54,24 @@ REMOVED = {
 }
 
 
+_dynamic = partial(setting, dynamic=True)
+
+
 def _gain(description: str) -> Any:
-    return setting((), description, 0.0, LARGEST_GAIN, dynamic=True, per_joint=True)
+    return _dynamic((), description, 0.0, LARGEST_GAIN, per_joint=True)
 
 
 def _error(name: str, description: str) -> Any:
-    return setting(0.0, description, 0.0, LARGEST_ERROR, name=name, dynamic=True)
+    return _dynamic(0.0, description, 0.0, LARGEST_ERROR, name=name)
 
 
 def _bias(kind: str, unit: str) -> Any:
-    text = f'Added to the measured {kind} of each joint, {unit}'
-    span = -LARGEST_ERROR, LARGEST_ERROR
-    return setting((), text, *span, name=f'bias.{kind}', dynamic=True, per_joint=True)
+    text, span = f'Added to the measured {kind} of each joint, {unit}', LARGEST_ERROR
+    return _dynamic((), text, -span, span, name=f'bias.{kind}', per_joint=True)
 
 
 def _delay(name: str, description: str) -> Any:
     return setting(0.0, f'{description}, s, whole steps', 0.0, LONGEST_DELAY, name=name)
-
-
-def _word(default: str, description: str, *others: str, dynamic: bool = False) -> Any:
-    return setting(default, description, values=(default, *others), dynamic=dynamic)
 
 
 def _rate(description: str, default: float = 0.0) -> Any:
@@ -86,35 +85,31 @@ class CommandSettings:
     lockstep: bool = setting(False, 'Wait after each state for a command with its stamp, or none')
     wait_for_controller: bool = setting(False, 'In lockstep, the first step waits for a command')
     step_count: int = setting(1, 'Steps of one call of ~/step', 1, MOST_STEPS)
-    convention: str = _word('plain', 'Efforts with gravity, or without (franka)', 'franka')
-    effort_limits: bool = setting(
-        True, 'Limit efforts to the limits of the model or the scene', dynamic=True
+    convention: str = setting(
+        'plain', 'Efforts with gravity, or without (franka)', values=('plain', 'franka')
     )
-    torque_speed: bool = setting(
-        True, 'Limit efforts by torque-speed tables, of the model or the scene', dynamic=True
+    effort_limits: bool = _dynamic(True, 'Limit efforts to the limits of the model or the scene')
+    torque_speed: bool = _dynamic(
+        True, 'Limit efforts by torque-speed tables, of the model or the scene'
     )
     servo_p: tuple[float, ...] = _gain(
         'Gain of the servo on positions, N m/rad or N/m; 0: no servo'
     )
     servo_d: tuple[float, ...] = _gain('Gain of the servo on velocities, N m s/rad or N s/m')
-    command_timeout: float = setting(
-        0.0, 'Time without a command until on_timeout acts, s; 0 is never', 0.0, 1e6, dynamic=True
+    command_timeout: float = _dynamic(
+        0.0, 'Time without a command until on_timeout acts, s; 0 is never', 0.0, 1e6
     )
-    on_timeout: str = _word(
-        'brake', 'What acts then: brakes, no effort, the servos', 'zero', 'hold', dynamic=True
+    on_timeout: str = _dynamic(
+        'brake',
+        'What acts then: brakes, no effort, the servos',
+        values=('brake', 'zero', 'hold'),
     )
-    delay_commands: float = _delay(
-        'delay.commands', 'From the reception of a command to its effect'
+    delay_commands: float = _delay('delay.commands', 'From reception of a command to its effect')
+    drop_commands: float = _dynamic(
+        0.0, 'Share of the commands that are lost', 0.0, 1.0, name='drop.commands'
     )
-    drop_commands: float = setting(
-        0.0, 'Share of the commands that are lost', 0.0, 1.0, name='drop.commands', dynamic=True
-    )
-    reflex_effort_rate: float = setting(
-        0.0,
-        'Rate of an effort that brakes all joints, N m/s or N/s; 0: off',
-        0.0,
-        1e9,
-        dynamic=True,
+    reflex_effort_rate: float = _dynamic(
+        0.0, 'Rate of an effort that brakes all joints, N m/s or N/s; 0: off', 0.0, 1e9
     )
 
 
@@ -131,26 +126,19 @@ class DescriptionSettings:
 
 @dataclass(frozen=True)
 class SensorSettings:
-    """The settings of measured states."""
+    """The settings of measured states, and of outputs in addition to them."""
 
+    outputs: tuple[str, ...] = setting((), 'Published with each state', values=OPTIONAL)
     seed: int = setting(0, 'Seed of all noise', 0, LARGEST_SEED)
-    noise_position: float = _error('noise.position', 'Standard deviation of positions, rad or m')
-    noise_velocity: float = _error(
-        'noise.velocity', 'Standard deviation of velocities, rad/s or m/s'
-    )
-    noise_effort: float = _error('noise.effort', 'Standard deviation of efforts, N m or N')
+    noise_position: float = _error('noise.position', 'Standard deviation, rad or m')
+    noise_velocity: float = _error('noise.velocity', 'Standard deviation, rad/s or m/s')
+    noise_effort: float = _error('noise.effort', 'Standard deviation, N m or N')
     bias_position: tuple[float, ...] = _bias('position', 'rad or m')
     bias_velocity: tuple[float, ...] = _bias('velocity', 'rad/s or m/s')
     bias_effort: tuple[float, ...] = _bias('effort', 'N m or N')
-    quantization_position: float = _error(
-        'quantization.position', 'Step of the encoders, rad or m; 0 is none'
-    )
-    quantization_velocity: float = _error(
-        'quantization.velocity', 'Step of velocities, rad/s or m/s; 0 is none'
-    )
-    quantization_effort: float = _error(
-        'quantization.effort', 'Step of efforts, N m or N; 0 is none'
-    )
+    quantization_position: float = _error('quantization.position', 'Step, rad or m; 0: none')
+    quantization_velocity: float = _error('quantization.velocity', 'Step, rad/s or m/s; 0: none')
+    quantization_effort: float = _error('quantization.effort', 'Step, N m or N; 0: none')
     delay_state: float = _delay('delay.state', 'Age of the measured state')
     drop_state: float = setting(
         0.0, 'Share of the states that are not published', 0.0, 0.99, name='drop.state'
@@ -158,22 +146,10 @@ class SensorSettings:
 
 
 @dataclass(frozen=True)
-class OutputSettings:
-    """The settings of outputs in addition to joint_states."""
-
-    outputs: tuple[str, ...] = setting((), 'Published with each state', values=OPTIONAL)
-
-
-@dataclass(frozen=True)
-class Settings(
-    CommandSettings, PlantSettings, DescriptionSettings, SensorSettings, OutputSettings
-):
+class Settings(CommandSettings, PlantSettings, DescriptionSettings, SensorSettings):
     """The parameters of the node `sim_arm`; units SI, angles in rad.
 
-    Raises
-    ------
-    ValueError
-        If a value is not finite, outside its range, or does not go with the others.
+    ValueError if a value is not finite, outside its range, or does not go with the others.
     """
 
     robot: str = setting('puma560', 'A name that `pfd robots` lists, a file, or robot_description')
@@ -193,26 +169,32 @@ class Settings(
         (), 'Where the joints start, rad or m; empty: initial_value of <ros2_control>, or 0'
     )
     autostart: bool = setting(True, 'Be active from the start on, without lifecycle transitions')
-    time_source: str = _word('own', 'Clock: its own, or the /clock of another node', 'clock')
+    time_source: str = setting(
+        'own', 'Clock: its own, or the /clock of another node', values=('own', 'clock')
+    )
     start_time: float = setting(
         0.0, 'Time before the first step, s; -1 is the time of day', TIME_OF_DAY, 2e9
     )
-    real_time_factor: float = setting(
-        1.0, 'Simulated seconds per second; 0 is as fast as possible', 0.0, 1000.0, dynamic=True
+    real_time_factor: float = _dynamic(
+        1.0, 'Simulated seconds per second; 0 is as fast as possible', 0.0, 1000.0
     )
     publish_rate: float = _rate('joint_states (0: one a step)')
     publish_clock: bool = setting(True, 'Publish /clock; only one node of a system may')
     clock_rate: float = _rate('/clock ticks (0: one a step)')
     frame_id: str = setting('', 'header.frame_id of joint_states')
     recording: str = setting('', "MCAP file to write, never over another; '' records nothing")
-    recording_time: str = _word('auto', 'Time base of log_time in the recording', WALL, SIMULATED)
+    recording_time: str = setting(
+        'auto', 'Time base of log_time in the recording', values=('auto', WALL, SIMULATED)
+    )
     recording_tf_rate: float = _rate('/tf in the recording (0: none)', 50.0)
 
     def __post_init__(self) -> None:
         """Check every value, so that the users of settings need not."""
         check_values(self)
-        if len(set(self.locked)) < len(self.locked):
-            raise ValueError(f'locked names a joint twice: {listed(self.locked)}')
+        for name in ('locked', 'outputs'):
+            values = getattr(self, name)
+            if len(set(values)) < len(values):
+                raise ValueError(f'{name} has duplicates: {listed(values)}')
         if self.locked_positions and len(self.locked_positions) != len(self.locked):
             raise ValueError(
                 f'locked_positions holds {len(self.locked_positions)} numbers, expected '
@@ -222,8 +204,6 @@ class Settings(
             raise ValueError(f'start_time is {self.start_time!r}, expected -1, or 0 and more')
         if self.follows_clock and self.publish_clock:
             raise ValueError('an arm with time_source clock needs publish_clock false')
-        if len(set(self.outputs)) < len(self.outputs):
-            raise ValueError(f'outputs has duplicates: {listed(self.outputs)}')
         if 0.0 < self.real_time_factor < SLOWEST_FACTOR:
             raise ValueError(
                 f'real_time_factor is {self.real_time_factor!r}, '
@@ -240,24 +220,12 @@ class Settings(
         _ = self.state_delay_steps, self.command_delay_steps
 
     @classmethod
-    def from_values(cls, values: Mapping[str, Any]) -> Settings:
+    def from_values(cls, values: Any) -> Settings:
         """Return settings from values by field, perhaps from outside; others have their default.
 
-        Raises
-        ------
-        ValueError
-            If a name is not known, or a value has the wrong type or is refused.
+        ValueError if a name is not known, or a value has the wrong type or is refused.
         """
-        if not isinstance(values, Mapping):
-            raise ValueError(f'the settings are {type(values).__name__}, expected a JSON object')
-        kinds = {row.field: row.type for row in FIELDS}
-        unknown = [str(name) for name in values if name not in kinds]
-        if unknown:
-            raise ValueError(
-                f'unknown settings {listed(sorted(unknown))}; the file is from another version '
-                'of pfd'
-            )
-        return cls(**{name: typed(name, value, kinds[name]) for name, value in values.items()})
+        return cls(**typed_values(values))
 
     @classmethod
     def from_json(cls, text: str) -> Settings:
@@ -269,39 +237,24 @@ class Settings(
         return json.dumps(dataclasses.asdict(self), sort_keys=True)
 
     @property
-    def compensated(self) -> bool | None:
-        """Whether sums of positions are compensated; None where the simulator decides."""
-        return POSITION_SUMS[self.position_sums]
-
-    @property
     def locks(self) -> dict[str, float]:
         """Joint to weld -> position, rad or m."""
         positions = self.locked_positions or (0.0,) * len(self.locked)
         return dict(zip(self.locked, positions, strict=True))
 
     @property
-    def published_locks(self) -> dict[str, float]:
-        """Joint that is published though it is welded -> position, rad or m."""
-        return self.locks if self.publish_locked else {}
-
-    @property
     def follows_clock(self) -> bool:
         """Whether the arm follows the clock of another node."""
         return self.time_source == 'clock'
 
-    def at_time_of_day(self, seconds: float) -> Settings:
-        """Return settings with the time of day in the place of -1, in whole milliseconds."""
-        if self.start_time != TIME_OF_DAY:
-            return self
-        return dataclasses.replace(self, start_time=int(seconds * 1000) / 1000)
+    def started(self, now: float, reached_ns: int) -> Settings:
+        """Return settings with the time of day `now`, s, in the place of -1.
 
-    def continued_from(self, stamp_ns: int) -> Settings:
-        """Return settings with simulated time that does not begin before a stamp, ns."""
-        if self.follows_clock or self.start_ns >= stamp_ns:
-            return self
-        start = stamp_ns / NANOSECONDS
-        while round(start * NANOSECONDS) < stamp_ns:
-            start = math.nextafter(start, math.inf)
+        Without a followed clock, simulated time does not begin before a stamp, ns.
+        """
+        start = int(now * 1000) / 1000 if self.start_time == TIME_OF_DAY else self.start_time
+        while not self.follows_clock and round(start * NANOSECONDS) < reached_ns:
+            start = max(reached_ns / NANOSECONDS, math.nextafter(start, math.inf))
         return dataclasses.replace(self, start_time=start)
 
     @property
@@ -327,12 +280,14 @@ class Settings(
     @property
     def publish_every(self) -> int:
         """Steps from one `joint_states` to the next."""
-        return self._steps_per('publish_rate', self.publish_rate)
+        rate = self.publish_rate
+        return self._steps('publish_rate', rate, 1.0 / rate) if rate else 1
 
     @property
     def clock_every(self) -> int:
         """Steps from one `/clock` tick to the next."""
-        return self._steps_per('clock_rate', self.clock_rate)
+        rate = self.clock_rate
+        return self._steps('clock_rate', rate, 1.0 / rate) if rate else 1
 
     @property
     def tf_every(self) -> int:
@@ -343,42 +298,43 @@ class Settings(
     @property
     def state_delay_steps(self) -> int:
         """Steps by which measured states are late."""
-        return self._whole('delay.state', self.delay_state, self.delay_state / self.step_size)
+        return self._steps('delay.state', self.delay_state, self.delay_state)
 
     @property
     def command_delay_steps(self) -> int:
         """Steps from the arrival of a command until it acts."""
-        delay = self.delay_commands
-        return self._whole('delay.commands', delay, delay / self.step_size)
+        return self._steps('delay.commands', self.delay_commands, self.delay_commands)
 
-    def _steps_per(self, name: str, rate: float) -> int:
-        if not rate:
-            return 1
-        return self._whole(name, rate, 1.0 / max(rate * self.step_size, 0.1 / MOST_EVERY))
-
-    def _whole(self, name: str, value: float, steps: float) -> int:
-        whole = round(steps)
-        if abs(steps - whole) > WHOLE * max(1.0, steps) or steps > MOST_EVERY:
+    def _steps(self, name: str, value: float, seconds: float) -> int:
+        steps = seconds / self.step_size
+        if steps > MOST_EVERY or abs(steps - round(steps)) > WHOLE * max(1.0, steps):
             raise ValueError(
                 f'{name} is {value!r}, which is {steps:.6g} steps of {self.step_size!r} s; '
                 'expected a whole number of steps'
             )
-        return whole
+        return round(steps)
 
 
 FIELDS = rows_of(Settings)
 PER_JOINT = tuple(row for row in FIELDS if row.per_joint)
-_DYNAMIC = {row.field: row.type for row in FIELDS if row.dynamic}
 
 
-def typed_changes(values: Any) -> dict[str, Any]:
-    """Return new values of dynamic settings by field, each of its type; ValueError for others."""
-    if not isinstance(values, dict) or not values:
-        raise ValueError('expected a table of values by setting')
-    strange = [name for name in values if name not in _DYNAMIC]
+def typed_values(values: Any, *, dynamic: bool = False) -> dict[str, Any]:
+    """Return values of settings by field, each of its type; ValueError for other values.
+
+    With `dynamic`, the settings are those that may change while the arm runs.
+    """
+    if not isinstance(values, Mapping):
+        raise ValueError(f'the settings are {type(values).__name__}, expected a JSON object')
+    kinds = {row.field: row.type for row in FIELDS if row.dynamic or not dynamic}
+    strange = sorted(str(name) for name in values if name not in kinds)
     if strange:
-        raise ValueError(f'{listed(strange)} cannot change while the arm runs')
-    return {name: typed(name, value, _DYNAMIC[name]) for name, value in values.items()}
+        if dynamic:
+            raise ValueError(f'{listed(strange)} cannot change while the arm runs')
+        raise ValueError(
+            f'unknown settings {listed(strange)}; a file with them is of another version of pfd'
+        )
+    return {name: typed(name, value, kinds[name]) for name, value in values.items()}
 
 
 def timeout_steps(seconds: float, step_size: float) -> float:
@@ -386,38 +342,33 @@ def timeout_steps(seconds: float, step_size: float) -> float:
     return max(1, math.ceil(seconds / step_size - WHOLE)) if seconds else math.inf
 
 
-def check_servo(settings: CommandSettings) -> None:
-    """Raise ValueError if there is no servo for what needs one; once the joints are known."""
-    if settings.on_timeout == 'hold' and not (settings.servo_p and min(settings.servo_p) > 0.0):
-        raise ValueError("on_timeout is 'hold', expected servo_p above 0 for every joint")
+def check_counts(settings: Settings, count: int) -> None:
+    """Raise ValueError unless settings go with a number of joints.
 
-
-def check_joint_counts(settings: Settings, count: int) -> None:
-    """Raise ValueError unless settings have a number for each of `count` joints, or none."""
-    for row in PER_JOINT:
-        given = len(getattr(settings, row.field))
+    They have a number for each joint or none, and the watchdog holds with servos alone.
+    """
+    names = {row.field: row.name for row in PER_JOINT}
+    for field, name in {**names, 'initial_positions': 'initial_positions'}.items():
+        given = len(getattr(settings, field))
         if given not in (0, count):
             raise ValueError(
-                f'{row.name} holds {given} numbers, expected {count}, one for each joint, or none'
+                f'{name} holds {given} numbers, expected {count}, one for each joint, or none'
             )
+    if settings.on_timeout == 'hold' and not (settings.servo_p and min(settings.servo_p) > 0.0):
+        raise ValueError("on_timeout is 'hold', expected servo_p above 0 for every joint")
 
 
 def joint_order(wanted: Sequence[str], robot: pfd.Robot) -> tuple[int, ...]:
     """Return the index in the model of each joint, in the order in which joints are published.
 
-    Raises
-    ------
-    ValueError
-        If `wanted` is not empty and not a permutation of the robot's joints.
+    ValueError if `wanted` is not empty and not a permutation of the robot's joints.
     """
     names = list(robot.joint_names)
-    if not wanted:
-        return tuple(range(robot.n))
-    if sorted(wanted) != sorted(names):
+    if wanted and sorted(wanted) != sorted(names):
         raise ValueError(
             f'joints is {listed(wanted)}, expected each joint of {cut(robot.name)!r} once: {names}'
         )
-    return tuple(names.index(name) for name in wanted)
+    return tuple(names.index(name) for name in wanted or names)
 
 
 def joint_values(
@@ -439,31 +390,23 @@ def split_joints(
 ) -> tuple[dict[str, Any], dict[str, dict[str, float]]]:
     """Return settings of all joints, and the numbers of single joints by field.
 
-    Parameters
-    ----------
-    values
-        By name; of single joints `friction.elbow_joint`, or `friction` with a mapping of joints.
-
-    Raises
-    ------
-    ValueError
-        If a joint's number is none, or is given twice.
+    `values` are by name; of single joints `friction.elbow_joint`, or `friction` with a mapping of
+    joints. ValueError if a joint's number is none, or is given twice.
     """
-    groups = {row.field: row for row in PER_JOINT} | {row.name: row for row in PER_JOINT}
+    groups = {name: row for row in PER_JOINT for name in (row.field, row.name)}
     plain: dict[str, Any] = {}
     found: dict[str, dict[str, float]] = {}
     for name, value in values.items():
-        group = max((one for one in groups if name.startswith(f'{one}.')), key=len, default='')
-        if isinstance(value, Mapping) and name in groups:
-            row, joints = groups[name], dict(value)
-        elif group and name not in groups:
-            row, joints = groups[group], {name.removeprefix(f'{group}.'): value}
-        else:
+        group, joints = name, value
+        if name not in groups:
+            group = max((x for x in groups if name.startswith(f'{x}.')), key=len, default='')
+            joints = {name.removeprefix(f'{group}.'): value} if group else None
+        if not isinstance(joints, Mapping):
             plain[name] = value
             continue
-        table = found.setdefault(row.field, {})
+        table = found.setdefault(groups[group].field, {})
         for joint, number in joints.items():
-            label = f'{row.name}.{cut(str(joint))}'
+            label = f'{groups[group].name}.{cut(str(joint))}'
             if joint in table:
                 raise ValueError(f'{label} is given twice')
             table[joint] = typed(label, number, 'float')
@@ -475,23 +418,20 @@ def with_joint_numbers(
 ) -> Settings:
     """Return settings with the numbers of single joints by field; the other joints keep theirs.
 
-    Raises
-    ------
-    ValueError
-        If the robot has no such joint.
+    ValueError if the robot has no such joint.
     """
     order = joint_order(settings.joints, robot)
     names = [robot.joint_names[i] for i in order]
     for row in PER_JOINT:
         if row.field not in numbers:
             continue
-        values = list(joint_values(row, settings, robot, order))
-        for joint, number in numbers[row.field].items():
-            if joint not in names:
-                raise ValueError(
-                    f'{row.name}.{cut(str(joint))}: no such joint; joints are {listed(names)}'
-                )
-            values[names.index(joint)] = number
-        changed: dict[str, Any] = {row.field: tuple(values)}
+        values = dict(zip(names, joint_values(row, settings, robot, order), strict=True))
+        strange = [joint for joint in numbers[row.field] if joint not in values]
+        if strange:
+            raise ValueError(
+                f'{row.name}.{cut(str(strange[0]))}: no such joint; joints are {listed(names)}'
+            )
+        values.update(numbers[row.field])
+        changed: dict[str, Any] = {row.field: tuple(values.values())}
         settings = dataclasses.replace(settings, **changed)
     return settings

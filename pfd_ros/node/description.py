@@ -16,15 +16,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 import pfd_core as pfd
-from pfd_ros.arm.description import (
-    DescribedRobot,
-    described_robot,
-    differences,
-    parsed_urdf,
-    ragged_trap,
-    silence_trap,
-    with_initial_values,
-)
+from pfd_ros.arm.description import DescribedRobot, described_robot, parsed_urdf
 from pfd_ros.arm.events import DESCRIPTION, ROLES
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.matching import OVERRIDABLE
@@ -52,23 +44,17 @@ def load_model(node: Node, settings: Settings, stopped: Callable[[], bool]) -> D
             )
         source = wait_for_description(node, settings.description_timeout, stopped)
     found = described_robot(settings, source)
-    moving, control, log = found.robot.joint_names, found.control, node.get_logger()
-    filled = with_initial_values(settings, moving, control)
-    for name in ('initial_positions', 'locked_positions'):
-        positions = getattr(filled, name)
-        if positions != getattr(settings, name):
-            log.info(f'{name} from <ros2_control>: {list(positions)}')
-    traps = silence_trap(moving, control), ragged_trap(control)
-    for warning in (differences(filled, moving, control), *traps):
-        if warning:
-            log.warning(one_line(warning))
+    for line in found.taken:
+        node.get_logger().info(line)
+    for warning in found.warnings:
+        node.get_logger().warning(one_line(warning))
     return found
 
 
 def topics_of(node: Node, settings: Settings, found: DescribedRobot) -> dict[str, str]:
     """Return the topics by role that differ from the defaults, and log those of the URDF."""
     chosen = {'commands': settings.command_topic} if settings.command_topic else {}
-    for role, theirs in found.control.topics.items():
+    for role, theirs in found.topics.items():
         own = ROLES[role].topic
         name = remapped(node, own)
         if name:

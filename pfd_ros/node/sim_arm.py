@@ -81,7 +81,7 @@ class SimArm:
         before = set(_entities(node))
         built = False
         try:
-            self._build(settings.at_time_of_day(time.time()).continued_from(reached_ns))
+            self._build(settings.started(time.time(), reached_ns))
             built = True
         finally:
             self._entities = [entity for entity in _entities(node) if entity not in before]

@@ -266,7 +266,7 @@ class NodeLink:
         Discovery keeps the order, so a peer that replies knows these ends.
         """
         settings = engine.state.settings
-        topics = dict(described.control.topics)
+        topics = dict(described.topics)
         if settings.command_topic:
             topics[ARRAY] = settings.command_topic
         wrench = {TIP_WRENCH} if engine.plant.scene.external_wrench else set()

@@ -224,7 +224,6 @@ VERDICTS: list[tuple[dict[str, Any], list[tuple[ArmMessage, str, str]]]] = [
             (change(substeps=3), 'malformed', "['substeps'] cannot change while the arm runs"),
             (change(seed='x'), 'malformed', ''),
             (change(real_time_factor='x'), 'malformed', 'expected a number'),
-            (change(), 'malformed', ''),
             (ArmMessage('parameters', encode_string('5')), 'malformed', ''),
             (payload('base_link', 1.0), 'unknown_names', 'does not move with the last link'),
             (payload(TIP, INF), 'refused', 'payload.mass holds inf'),

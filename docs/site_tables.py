@@ -93,7 +93,8 @@ def _meaning(row: Row) -> str:
     if row.values:
         text += f'; one of {", ".join(code(json.dumps(x).strip(QUOTE)) for x in row.values)}'
     elif row.range is not None:
-        text += f'; {row.range[0]:g} to {row.range[1]:g}'
+        also = '' if row.or_else is None else f'{row.or_else:g} or '
+        text += f'; {also}{row.range[0]:g} to {row.range[1]:g}'
     return text + '; dynamic' * row.dynamic
 
 

@@ -9,8 +9,6 @@ over the step: the effort in joint_states is exactly the effort that acted. It i
 the limits, without friction and without the torque of gravity compensation: commands and states
 have one convention. Motors with a lag follow it. A reflex, if there is one, brakes all joints in
 the step in which an effort would jump.
-
-See docs/decisions/0033-one-state-one-step.md and 0032-one-table-of-effects.md.
 """
 
 from __future__ import annotations
@@ -51,16 +49,10 @@ def _stated(limits: NDArray[Any], wide: float) -> NDArray[Any]:
 class Actuators:
     """What the settings decide about the actuators; arrays in model order.
 
-    Limits of the scene act within the step, in the place of those here.
-
-    Attributes
-    ----------
-    p, d, servo
-        Gains of the servos (n,), N m/rad and N m s/rad or N/m and N s/m; whether one is not zero.
-    largest_jump
-        Largest change of an effort in a step, N m or N, beyond which a reflex acts; inf for none.
-    limits
-        Limits of the motors and gains, (7, n), as pfd_core.MotorSimulator.bind takes them.
+    `p` and `d` are the gains of the servos (n,), of which `servo` says whether one is not zero.
+    Beyond `largest_jump`, N m or N, of an effort in a step a reflex acts. `limits` are limits of
+    the motors and gains, (7, n), as pfd_core.MotorSimulator.bind takes them; limits of the scene
+    act within the step, in the place of those here.
     """
 
     def __init__(

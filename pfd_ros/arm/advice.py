@@ -37,40 +37,23 @@ RUNAWAY = 1.5
 
 
 class GainLimits(NamedTuple):
-    """Bounds of stable gains; beyond any of them the loop diverges.
+    """Bounds of stable gains; beyond any of them the loop diverges."""
 
-    Attributes
-    ----------
-    ratio
-        Bound of kp / kd, 1/s.
-    velocity
-        Bounds of kd (n,), N m s/rad or N s/m, if all joints have the same share of their bounds.
-    position
-        Bounds of kp (n,), N m/rad or N/m, which are reached only with kd close to its bound.
-    equal_velocity
-        Bound of kd, if it is the same number for each joint.
-    """
-
+    # Of kp / kd, 1/s.
     ratio: float
+    # Of kd (n,), N m s/rad or N s/m, if all joints have the same share of their bounds.
     velocity: NDArray[Any]
+    # Of kp (n,), N m/rad or N/m, which are reached only with kd close to its bound.
     position: NDArray[Any]
+    # Of kd, if it is the same number for each joint.
     equal_velocity: float
 
 
 def gain_limits(inertia: NDArray[Any], period: float) -> GainLimits:
-    """Return the bounds of a PD loop.
+    """Return the bounds of a PD loop with the inertia matrix H (n, n), kg m^2 or kg.
 
-    Parameters
-    ----------
-    inertia
-        H (n, n), kg m^2 or kg, positive definite.
-    period
-        Time from one reading of the state to the next, T, s.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the matrix is not finite and positive definite.
+    `period` is the time from one reading of the state to the next, T, s. LinAlgError if the
+    matrix is not finite and positive definite.
     """
     if not np.isfinite(inertia).all():
         raise np.linalg.LinAlgError('the inertia matrix is not finite')
@@ -85,17 +68,11 @@ def gain_limits(inertia: NDArray[Any], period: float) -> GainLimits:
 
 
 class Speeding(NamedTuple):
-    """The joint that was the farthest beyond its velocity limit.
+    """The joint that was the farthest beyond its velocity limit."""
 
-    Attributes
-    ----------
-    ratio
-        Its largest speed as a multiple of the limit.
-    text
-        One line with the remedy.
-    """
-
+    # Its largest speed as a multiple of the limit.
     ratio: float
+    # One line with the remedy.
     text: str
 
     @property
@@ -109,15 +86,8 @@ def speeding(
 ) -> Speeding | None:
     """Return the joint that was farthest beyond its velocity limit, if one was.
 
-    Parameters
-    ----------
-    robot, scene
-        The arm.
-    peaks
-        The largest speed of each joint so far as a multiple of its limit, (n,) in model order; 0
-        for a joint that kept it.
-    from_file
-        Whether the scene comes from a file, to which the remedy is then to be added.
+    `peaks` are the largest speeds of the joints as multiples of their limits, (n,) in model order,
+    0 for a joint that kept it. A remedy for a scene `from_file` is written into that file.
     """
     ratio = max(peaks)
     if not ratio:

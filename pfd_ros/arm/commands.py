@@ -46,10 +46,7 @@ def array(arm: Arm, data: bytes) -> Change:
     efforts = decode_floats(data)
     if len(efforts) != len(arm.names):
         raise RefusedError('wrong_size', f'{len(efforts)} numbers for {len(arm.names)} joints')
-    # The terms of a finite sum are finite; for a few joints faster than NumPy.
-    if not math.isfinite(sum(efforts.tolist())) and not np.isfinite(efforts).all():
-        numbers = _first_of('effort', arm.names, efforts, ~np.isfinite(efforts))
-        raise RefusedError('not_finite', numbers)
+    _check_numbers('not_finite', 'effort', arm.names, efforts)
     if arm.state.tripped:
         raise RefusedError('refused', arm.state.tripped)
     return command, (arm.all_joints, efforts)
@@ -57,11 +54,17 @@ def array(arm: Arm, data: bytes) -> Change:
 
 def named(arm: Arm, data: bytes) -> Change:
     """Check a command by joint name."""
-    joints, place = decode_joints(data), arm.place
+    joints, place, state = decode_joints(data), arm.place, arm.state
     if not joints.names:
         raise RefusedError('no_names', 'no joint names; ~/commands takes efforts without names')
-    check_joints(joints, arm.state.since_ns)
-    remarks = _ahead(arm, joints.stamp_ns)
+    check_joints(joints, state.since_ns)
+    remarks: Remarks = ()
+    now_ns, stamp_ns = max(arm.stamp_ns, state.until_ns or 0), joints.stamp_ns
+    if stamp_ns > now_ns + (0 if arm.lockstep else FAR_AHEAD_NS):
+        why = f'stamp {stamp_ns} ns, the arm is at {now_ns} ns: set use_sim_time of the sender'
+        remarks = (Verdict('future', f'{why} to true'),)
+        if arm.lockstep:
+            raise RefusedError(*remarks[0])
     kinds = [kind for kind in JOINT_FIELDS if len(getattr(joints, kind))]
     if 'effort' not in kinds and not (arm.actuators.servo and kinds):
         only = f', got only {" and ".join(kinds)}' if kinds else ''
@@ -70,58 +73,43 @@ def named(arm: Arm, data: bytes) -> Change:
     if len(known) < len(joints.names):
         remarks += _others(arm, joints)
     numbers = _numbers(arm, joints, known, [place[joints.names[k]] for k in known])
-    if arm.state.tripped:
-        raise RefusedError('refused', arm.state.tripped)
+    if state.tripped:
+        raise RefusedError('refused', state.tripped)
     return command, (*numbers, remarks)
-
-
-def _ahead(arm: Arm, stamp_ns: int) -> Remarks:
-    """Return a remark about a stamp far after the arm's; in lockstep none may be after it."""
-    now_ns = max(arm.stamp_ns, arm.state.until_ns or 0)
-    if stamp_ns <= now_ns + (0 if arm.lockstep else FAR_AHEAD_NS):
-        return ()
-    why = f'stamp {stamp_ns} ns, the arm is at {now_ns} ns: set use_sim_time of the sender to true'
-    if arm.lockstep:
-        raise RefusedError('future', why)
-    return (Verdict('future', why),)
 
 
 def _others(arm: Arm, joints: Joints) -> Remarks:
     """Return remarks about names in a command that no moving joint has, if others have one."""
-    others = [(k, name) for k, name in enumerate(joints.names) if name not in arm.place]
-    strange = [name for _, name in others if name not in arm.locked]
-    kinds = JOINT_FIELDS if arm.actuators.servo else ('effort',)
-    arrays = [values for values in (getattr(joints, kind) for kind in kinds) if len(values)]
+    count, place, locked = len(joints.names), arm.place, arm.locked
+    others = [(k, name) for k, name in enumerate(joints.names) if name not in place]
+    strange = [name for _, name in others if name not in locked]
+    # NaN is the one number that differs from itself: no command.
+    arrays = joints[2:5] if arm.actuators.servo else (joints.effort,)
     welded = [
         name
         for k, name in others
-        if name in arm.locked and any(values[k] == values[k] for values in arrays)
+        if name in locked and any(len(array) and array[k] == array[k] for array in arrays)
     ]
-    if len(strange) == len(joints.names):
+    if len(strange) == count:
         raise RefusedError('unknown_names', f'none of {listed(strange)} is a joint of the arm')
-    if welded and len(others) == len(joints.names):
+    if welded and len(others) == count:
         raise RefusedError('refused', f'locked: {listed(welded)}')
     found = ('unknown_names', 'unknown joints', strange), (LOCKED_JOINTS, 'locked:', welded)
-    return tuple(
-        Verdict(label, f'{what} {listed(names)}') for label, what, names in found if names
-    )
+    return tuple(Verdict(label, f'{what} {listed(x)}') for label, what, x in found if x)
 
 
 def _numbers(arm: Arm, joints: Joints, known: list[int], index: list[int]) -> tuple[Any, ...]:
     """Return the places in the model, efforts, positions and velocities of joints with a number.
 
     `known` and `index` are the places in the command and in the model of the joints that the arm
-    has. NaN is no number, and None stands for a kind that the command has not.
+    has. None stands for a kind that the command has not.
     """
     driven = arm.actuators
     if not driven.servo and math.isfinite(sum(joints.effort.tolist())):  # as almost always
         return index, joints.effort[known], None, None
     places, none = np.array(index, int), np.full(len(known), np.nan)
-    effort, position, velocity = (
-        values[known] if len(values) else none
-        for values in (joints.effort, joints.position, joints.velocity)
-    )
-    # NaN is the one number that differs from itself: no command.
+    arrays = joints.effort, joints.position, joints.velocity
+    effort, position, velocity = (x[known] if len(x) else none for x in arrays)
     given = effort == effort
     if driven.servo:
         check_reach(position, velocity)
@@ -136,12 +124,9 @@ def _numbers(arm: Arm, joints: Joints, known: list[int], index: list[int]) -> tu
             )
     if not given.any():
         raise RefusedError(*ALL_NAN)
-    return (
-        places[given],
-        effort[given] if len(joints.effort) else None,
-        position[given] if driven.servo and len(joints.position) else None,
-        velocity[given] if driven.servo and len(joints.velocity) else None,
-    )
+    sent = [len(x) and (driven.servo or x is joints.effort) for x in arrays]
+    kinds = zip((effort, position, velocity), sent, strict=True)
+    return places[given], *(values[given] if one else None for values, one in kinds)
 
 
 def command(
@@ -164,23 +149,21 @@ def command(
         remarks += _overwritten(arm, joints)
     else:
         state.period, state.touched = following, joints
-    if arm.direct and position is None and velocity is None:  # as almost always
+    alone = position is None and velocity is None
+    if arm.direct and alone:  # as almost always
         arm.newest_effort[joints] = effort
         state.heard = following
         return remarks
     if link.drop and link.loses(state):
         return remarks
-    newest, alone = state.newest, position is None and velocity is None
+    newest = state.newest
     # The first target has come, or perhaps the last one goes.
     changed = arm.braked or arm.targets == alone
     if alone and not arm.targets:  # such efforts hold no NaN
         newest[EFFORT, joints] = effort
     else:
-        for row, values, none in (
-            (EFFORT, effort, 0.0),
-            (POSITION, position, np.nan),
-            (VELOCITY, velocity, np.nan),
-        ):
+        rows = (EFFORT, effort, 0.0), (POSITION, position, np.nan), (VELOCITY, velocity, np.nan)
+        for row, values, none in rows:
             last = newest[row, joints]
             kept = none if values is None else np.where(values == values, values, last)
             newest[row, joints] = kept
@@ -199,18 +182,18 @@ def _overwritten(arm: Arm, joints: Any) -> Remarks:
     state, every = arm.state, np.arange(len(arm.names))
     again = np.intersect1d(every[state.touched], every[joints])
     state.touched = np.union1d(every[state.touched], every[joints])
-    if not len(again):
-        return ()
     names = listed([arm.robot.joint_names[k] for k in again])
-    return (Verdict(OVERWRITTEN, f'{names} commanded again before the next step'),)
+    text = f'{names} commanded again before the next step'
+    return (Verdict(OVERWRITTEN, text),) if len(again) else ()
 
 
-def _first_of(kind: str, names: Sequence[str], values: NDArray[Any], wrong: NDArray[Any]) -> str:
-    """Return the first of the wrong numbers, each with its joint."""
-    found = [
-        f'{kind} of joint {cut(names[j])!r} is {values[j]}' for j in np.flatnonzero(wrong).tolist()
-    ]
-    return ', '.join([*found[:3], *['...'] * (len(found) > 3)])
+def _check_numbers(label: str, kind: str, names: Sequence[str], values: NDArray[Any]) -> None:
+    """Refuse numbers that are infinite, or with the label 'not_finite' NaN as well."""
+    # The terms of a finite sum are finite; for a few joints faster than NumPy.
+    if not math.isfinite(sum(values.tolist())):
+        wrong = np.isinf(values) if label == 'infinite' else ~np.isfinite(values)
+        for k in np.flatnonzero(wrong).tolist():
+            raise RefusedError(label, f'{kind} of joint {cut(names[k])!r} is {values[k]}')
 
 
 def check_joints(joints: Joints, since_ns: int | None = None) -> None:
@@ -223,9 +206,7 @@ def check_joints(joints: Joints, since_ns: int | None = None) -> None:
         values = getattr(joints, kind)
         if len(values) not in (0, len(names)):
             raise RefusedError('ragged', f'{len(names)} names and {len(values)} numbers in {kind}')
-        # The terms of a finite sum are finite; for a few joints faster than NumPy.
-        if not math.isfinite(sum(values.tolist())) and np.isinf(values).any():
-            raise RefusedError('infinite', _first_of(kind, names, values, np.isinf(values)))
+        _check_numbers('infinite', kind, names, values)
     if since_ns is not None and 0 != joints.stamp_ns < since_ns:
         raise RefusedError('stale', f'stamp {joints.stamp_ns} ns, expected {since_ns} ns or later')
     if len(set(names)) < len(names):
@@ -234,10 +215,8 @@ def check_joints(joints: Joints, since_ns: int | None = None) -> None:
 
 def check_reach(position: NDArray[Any], velocity: NDArray[Any]) -> None:
     """Refuse positions and velocities that no joint can have."""
-    for kind, values, bound in (
-        ('position', position, LARGEST_POSITION),
-        ('velocity', velocity, LARGEST_VELOCITY),
-    ):
+    kinds = ('position', position, LARGEST_POSITION), ('velocity', velocity, LARGEST_VELOCITY)
+    for kind, values, bound in kinds:
         beyond = values[np.abs(values) > bound]
         if len(beyond):
             raise RefusedError(

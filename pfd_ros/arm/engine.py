@@ -130,11 +130,6 @@ class Engine(Arm):
         due = state.cycle > 0 and state.cycle % self._every == 0
         return due and not (self.sensors is not None and self.sensors.drops(state))
 
-    @property
-    def program(self) -> str:
-        """Digest of the compiled program of the plant and its outputs, the same everywhere."""
-        return self.plant.program
-
     def save(self) -> State:
         """Return a copy of the state: a run that is restored to it has the same bits."""
         return deepcopy(self.state)
@@ -197,7 +192,8 @@ class Engine(Arm):
         else:
             remarks = change(self, *arguments)
             if remarks:
-                verdict = self._remarked(role, remarks)
+                details = '; '.join(remark.detail for remark in remarks)
+                verdict = Verdict(ACCEPTED.label, details, remarks)
         if self.lockstep and role in COMMANDS and verdict.label in ANSWERS:
             state.commanded |= verdict.accepted
             state.waits = False
@@ -206,14 +202,6 @@ class Engine(Arm):
         elif role in self._inputs:
             messages.append(Message(role, data, state.cycle + 1))
         return verdict
-
-    def _remarked(self, role: str, remarks: tuple[Verdict, ...]) -> Verdict:
-        """Count the remarks about an accepted event; return its verdict."""
-        noted = self.state.noted
-        for remark in remarks:
-            kind = f'{role} {remark.label}'
-            noted[kind] = noted.get(kind, 0) + 1
-        return Verdict(ACCEPTED.label, '; '.join(remark.detail for remark in remarks), remarks)
 
     def _add_refused(
         self, role: str, data: bytes, verdict: Verdict, messages: list[Message], *, changed: bool

@@ -42,28 +42,18 @@ Quaternion = tuple[float, float, float, float]
 
 
 class LinkFrames:
-    """The URDF of an arm and the frames of its links, as messages.
+    """The URDF of an arm and the frames of its links, as messages of some `roles`.
 
     Parameters
     ----------
     urdf
-        The model.
+        The model; ValueError if it is no tree.
     moving
         Names of the joints of the arm, in model order.
     locked
         Position of each locked joint, rad or m; other names are ignored.
     every
         Steps from one message of frames that move to the next, 0 for no messages of frames.
-
-    Attributes
-    ----------
-    roles
-        The roles of all messages.
-
-    Raises
-    ------
-    ValueError
-        If the URDF is no tree.
     """
 
     def __init__(

@@ -22,34 +22,24 @@ from pfd_ros.arm.settings import Settings, timeout_steps
 from pfd_ros.arm.state import BRAKE, EFFORT, POSITION, VELOCITY, State
 
 # Reactions of the watchdog, by `on_timeout`.
-TIMEOUT_ACTIONS = {
-    'brake': 'brakes on',
-    'zero': 'zero efforts',
-    'hold': 'servos hold the position',
-}
-TIMEOUT_CURE = (
-    'a topic-based hardware of ros2_control sends none while its command equals the state: give '
-    'it <param name="trigger_joint_command_threshold">-1</param>'
-)
+ACTIONS = {'brake': 'brakes on', 'zero': 'zero efforts', 'hold': 'servos hold the position'}
 
 
 def timeout_text(settings: Settings) -> str:
     """Return the line about a watchdog that has acted."""
     return (
         f'no command for {settings.command_timeout:g} s (command_timeout): '
-        f'{TIMEOUT_ACTIONS[settings.on_timeout]}; {TIMEOUT_CURE}'
+        f'{ACTIONS[settings.on_timeout]}; a topic-based hardware of ros2_control sends none while '
+        'its command equals the state: give it '
+        '<param name="trigger_joint_command_threshold">-1</param>'
     )
 
 
 class Link:
     """What the settings decide about the link.
 
-    Attributes
-    ----------
-    drop, delay
-        Share of the commands that are lost; cycles until a command acts.
-    idle
-        Whether nothing acts but commands, at once.
+    `drop` is the share of the commands that are lost, and after `delay` cycles one acts. If it is
+    `idle`, nothing acts but commands, at once.
     """
 
     def __init__(self, settings: Settings) -> None:

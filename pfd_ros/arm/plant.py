@@ -43,7 +43,7 @@ class Plant(NamedTuple):
 
     @property
     def program(self) -> str:
-        """Digest of the compiled programs, the same everywhere."""
+        """Digest of the compiled programs of the plant and its outputs, the same everywhere."""
         kernels = (f'{name} {code.code_digest}' for name, code in self.kernels.items())
         lines = [self.simulator.code_digest, *kernels]
         return hashlib.sha256('\n'.join(lines).encode()).hexdigest()

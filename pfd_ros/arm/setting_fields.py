@@ -32,9 +32,11 @@ class Row(NamedTuple):
     default: Any
     # With its unit.
     description: str
-    # Least and largest number, and the values it may have; None and () for any.
+    # Least and largest number, and the values it may have; None and () for any. And a number out
+    # of the range that it may have, too.
     range: tuple[float, float] | None
     values: tuple[str | bool, ...]
+    or_else: float | None
     # Whether it may change while the arm runs.
     dynamic: bool
     # Whether it holds a number for each joint, in published order, and is a group of parameters
@@ -51,13 +53,14 @@ def setting(
     *,
     name: str = '',
     values: tuple[str | bool, ...] = (),
+    or_else: float | None = None,
     dynamic: bool = False,
     per_joint: bool = False,
     joint_default: JointDefault = None,
 ) -> Any:
     """Return a field of a table of settings; its arguments are those of Row."""
     span = None if least is None else (least, most)
-    rest = description, span, values, dynamic, per_joint, joint_default
+    rest = description, span, values, or_else, dynamic, per_joint, joint_default
     return dataclasses.field(default=default, metadata={'name': name, 'rest': rest})
 
 
@@ -80,9 +83,10 @@ def check_values(settings: Any) -> None:
         for entry in value if isinstance(value, tuple) else (value,):
             if isinstance(entry, float) and not math.isfinite(entry):
                 raise ValueError(f'{row.name} holds {entry!r}, expected finite numbers')
-            if row.range is not None and not row.range[0] <= entry <= row.range[1]:
-                least, most = row.range
-                raise ValueError(f'{row.name} is {entry!r}, expected {least!r} to {most!r}')
+            least, most = row.range or (entry, entry)
+            if not least <= entry <= most and entry != row.or_else:
+                also = '' if row.or_else is None else f'{row.or_else:g} or '
+                raise ValueError(f'{row.name} is {entry!r}, expected {also}{least!r} to {most!r}')
             if row.values and entry not in row.values:
                 raise ValueError(
                     f'{row.name} is {cut(repr(entry))}, expected one of {list(row.values)}'

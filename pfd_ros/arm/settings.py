@@ -173,10 +173,14 @@ class Settings(CommandSettings, PlantSettings, DescriptionSettings, SensorSettin
         'own', 'Clock: its own, or the /clock of another node', values=('own', 'clock')
     )
     start_time: float = setting(
-        0.0, 'Time before the first step, s; -1 is the time of day', TIME_OF_DAY, 2e9
+        0.0, 'Time before the first step, s; -1 is the time of day', 0.0, 2e9, or_else=TIME_OF_DAY
     )
     real_time_factor: float = _dynamic(
-        1.0, 'Simulated seconds per second; 0 is as fast as possible', 0.0, 1000.0
+        1.0,
+        'Simulated seconds per second; 0 is as fast as possible',
+        SLOWEST_FACTOR,
+        1000.0,
+        or_else=0.0,
     )
     publish_rate: float = _rate('joint_states (0: one a step)')
     publish_clock: bool = setting(True, 'Publish /clock; only one node of a system may')
@@ -200,18 +204,11 @@ class Settings(CommandSettings, PlantSettings, DescriptionSettings, SensorSettin
                 f'locked_positions holds {len(self.locked_positions)} numbers, expected '
                 f'{len(self.locked)}, one for each of {listed(self.locked)}, or none'
             )
-        if TIME_OF_DAY < self.start_time < 0.0:
-            raise ValueError(f'start_time is {self.start_time!r}, expected -1, or 0 and more')
         if self.follows_clock and self.publish_clock:
             raise ValueError('an arm with time_source clock needs publish_clock false')
-        if 0.0 < self.real_time_factor < SLOWEST_FACTOR:
-            raise ValueError(
-                f'real_time_factor is {self.real_time_factor!r}, '
-                f'expected 0 or {SLOWEST_FACTOR!r} and more'
-            )
-        self.check_plant()
         if not self.robot:
             raise ValueError('robot is empty; name one that `pfd robots` lists, or a file')
+        self.check_plant()
         if abs(self.step_ns / NANOSECONDS - self.step_size) > WHOLE * self.step_size:
             raise ValueError(
                 f'step_size is {self.step_size!r} s, expected a whole number of nanoseconds'

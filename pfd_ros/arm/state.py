@@ -98,9 +98,8 @@ class State:
     # The payload of the last message about it (mass, centre, inertia), () for none.
     told: tuple[float, ...] = ()
     # By role and label: what was refused in this simulated second, in bytes recorded, and in
-    # inputs that were only counted; and how many inputs were accepted with a remark.
+    # inputs that were only counted.
     refused: dict[str, tuple[int, int]] = field(default_factory=dict)
-    noted: dict[str, int] = field(default_factory=dict)
 
     @property
     def timed_out(self) -> bool:
@@ -116,8 +115,3 @@ class State:
     def fast(self) -> int:
         """Steps in which a joint was beyond its velocity limit."""
         return int(self.motors.counts[1])
-
-    @property
-    def peaks(self) -> NDArray[Any]:
-        """Largest speed of each joint as a multiple of its limit, (n,); 0 if never beyond it."""
-        return self.motors.peaks

@@ -86,10 +86,7 @@ def _rotated(rotation: Sequence[Sequence[float]], vector: Sequence[float]) -> Ve
 
 
 def wrench_at_tip(frame: Any, force: Sequence[float], torque: Sequence[float]) -> Vector:
-    """Return force and moment, (6,) in N and N m, in the last link's frame and about its origin.
-
-    `force` and `torque`, (3,), are given in a frame and about its origin.
-    """
+    """Return force and moment (6,) in the last link's frame and about its origin, N and N m."""
     rotation, (x, y, z) = frame.rotation.tolist(), frame.translation.tolist()
     fx, fy, fz = _rotated(rotation, force)
     mx, my, mz = _rotated(rotation, torque)
@@ -99,9 +96,9 @@ def wrench_at_tip(frame: Any, force: Sequence[float], torque: Sequence[float]) -
 def body_at_tip(
     frame: Any, center: Sequence[float], inertia: Sequence[float]
 ) -> tuple[Vector, Vector]:
-    """Return centre of mass, m, and inertia of a body in the last link's frame.
+    """Return centre of mass (3,) and inertia (6,) of a body in a frame in the last link's frame.
 
-    They are given in a frame; the inertia is (xx, xy, xz, yy, yz, zz) in kg m^2, about the centre.
+    The inertia is (xx, xy, xz, yy, yz, zz), about the centre.
     """
     rotation = frame.rotation.tolist()
     xx, xy, xz, yy, yz, zz = inertia

@@ -70,6 +70,7 @@ def _descriptor(row: Row, *, fixed: bool) -> ParameterDescriptor:
     )
     if row.range is not None:
         least, most = row.range
+        least = least if row.or_else is None else min(least, row.or_else)
         if row.type == 'int':
             descriptor.integer_range = [IntegerRange(from_value=least, to_value=most, step=1)]
         else:

@@ -163,7 +163,7 @@ def introduce(engine: Engine, endpoints: Endpoints, log: Callable[[str], object]
 
 def speed_of(engine: Engine) -> Speeding | None:
     """Return the joint that was farthest beyond its velocity limit so far, if one was."""
-    state, peaks = engine.state, engine.state.peaks.tolist()
+    state, peaks = engine.state, engine.state.motors.peaks.tolist()
     return speeding(engine.robot, engine.plant.scene, peaks, from_file=bool(state.settings.scene))
 
 

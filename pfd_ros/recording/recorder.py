@@ -168,7 +168,7 @@ class Recorder:
         writer.start(names.PROFILE, f'pfd_ros {pfd.__version__} {LIBRARY_IDENTIFIER}')
         settings = engine.state.settings
         values = {
-            HeadKey.VERSIONS: {**versions(), PROGRAM: engine.program},
+            HeadKey.VERSIONS: {**versions(), PROGRAM: engine.plant.program},
             HeadKey.TOPICS: dict(topics),
             HeadKey.TIMES: {'log_time': settings.log_time},
         }

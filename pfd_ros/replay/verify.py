@@ -69,7 +69,7 @@ def verify(path: Path | str) -> Verified:
     log = Log(path)
     with damage_named(log.path):
         engine = recorded_engine(log)
-        program = engine.program  # a payload may change it
+        program = engine.plant.program  # a payload may change it
         try:
             return _verified(log, engine)
         except DifferenceError as error:

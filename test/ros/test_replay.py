@@ -383,7 +383,7 @@ def test_the_cause_of_a_difference_is_data_program_settings_or_processor(
     # A payload changes the program during the run.
     changing = {5: [payload(FRAME, 1.0)], 9: [efforts(1.0, 2.0)]}
     run = simulate(tmp_path / 'run.mcap', 30, changing, FURTHER)
-    assert run.engine.program != RecordedLog(tmp_path / 'run.mcap').versions['program']
+    assert run.engine.plant.program != RecordedLog(tmp_path / 'run.mcap').versions['program']
     rewritten(tmp_path / 'run.mcap', path, bit('joint_states', -8, 20), counted=True)
     with pytest.raises(DifferenceError, match='cause: not the program'):
         verify_log(path)

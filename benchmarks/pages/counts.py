@@ -276,6 +276,10 @@ OVER_BEST: tuple[tuple[str, str, bool, dict[str, Any]], ...] = (
 )
 
 
+# In the legend.
+SHORT = (('Parallel composite rigid bodies', 'PCRBM'), (' the triangular', ' the'))
+
+
 def plots(data: dict[str, Any], folder: Path) -> list[Path]:
     """Draw the speed-up over n, as the paper's formula gives it and as executed."""
     rows = with_baselines(data['counts'], data['serial'])
@@ -286,8 +290,10 @@ def plots(data: dict[str, Any], folder: Path) -> list[Path]:
     def lines(what: Iterable[tuple[str, str, bool, dict[str, Any]]], over: str) -> Iterator[Any]:
         for system, edition, routed, style in what:
             own = [x for x in rows if (x['system'], x['edition']) == (system, edition)]
-            label = own and own[0]['title'] + ', with routes' * routed
             if own:
+                label = own[0]['title'] + ', with routes' * routed
+                for long, short in SHORT:
+                    label = label.replace(long, short)
                 points = [(x['n'], speed_up(x, over, routed)) for x in own]
                 yield points, {'markersize': 4, 'label': label, **style}
 

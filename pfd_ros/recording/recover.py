@@ -172,4 +172,4 @@ def _readable(stream: BinaryIO, chunks: list[int], lost: list[str]) -> Iterator[
         except Exception as error:  # damage has as many exceptions as parsers
             lost.append(f'{length} bytes at byte {begin}: {error or type(error).__name__}')
         else:
-            yield from found
+            yield from filter(None, found)

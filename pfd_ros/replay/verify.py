@@ -21,7 +21,7 @@ import numpy as np
 from pfd_ros.arm.description import link_frames
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import ASIDES, INPUTS, REJECTED, ROLES, STATES, Message
-from pfd_ros.messages.definitions import MessageType
+from pfd_ros.messages.columns import Decoder
 from pfd_ros.recording.format import EndKey, LogError, damage_named
 from pfd_ros.recording.log import Log
 from pfd_ros.recording.provenance import cause
@@ -149,7 +149,7 @@ def _difference(recorded: Message, computed: Message | None, engine: Engine) -> 
     role = recorded.role
     if computed is None or (computed.role, computed.cycle) != (role, recorded.cycle):
         return f': recorded {role}, {_only(computed, engine)}'
-    kind = MessageType(ROLES[role].type)
+    kind = Decoder(ROLES[role].type)
     other = kind.decode(computed.data)
     try:
         one = kind.decode(recorded.data)
@@ -170,7 +170,7 @@ def _difference(recorded: Message, computed: Message | None, engine: Engine) -> 
 
 def _leaves(path: str, value: Any, names: Sequence[str] = ()) -> Iterator[tuple[str, Any]]:
     """Yield the single values of a field by their paths; those of joints by name."""
-    if not isinstance(value, list | np.ndarray):
+    if not isinstance(value, list | tuple | np.ndarray):
         yield path, value
         return
     for k, entry in enumerate(value):

@@ -60,7 +60,9 @@ PFD_ROS = {
     'page': {'text', 'files', 'messages', 'arm', 'recording', 'motion'},
     'advice': {'text', 'files', 'messages', 'arm', 'recording', 'replay'},
     'node': {'text', 'files', 'messages', 'arm', 'recording', 'replay'},
-    'testing': {'text', 'files', 'messages', 'arm', 'recording', 'replay', 'motion', 'page'},
+    'testing': {
+        *('text', 'files', 'messages', 'arm', 'recording', 'replay', 'motion', 'page', 'node'),
+    },
     'view': {'text', 'files', 'messages', 'arm', 'recording', 'node', 'testing'},
     'demo': {
         *('text', 'messages', 'arm', 'recording', 'replay', 'page', 'node', 'testing', 'view'),

@@ -29,11 +29,6 @@ def remapped(node: Any, own: str) -> str:
     return '' if name == node.resolve_topic_name(own, only_expand=True) else name
 
 
-def topic_of(node: Any, own: str, theirs: str = '') -> str:
-    """Return the topic that a description names, if it does and nobody has remapped its own."""
-    return theirs if theirs and not remapped(node, own) else own
-
-
 def node_of(end: Any) -> str:
     """Return the full name of the node of an endpoint in the graph."""
     return f'{end.node_namespace.rstrip("/")}/{end.node_name}'

@@ -5,14 +5,14 @@
 Data flow of a command and the resulting state:
 
     endpoints      publishers and subscriptions from the table of roles; QoS
-    inbox          executor's thread: queues each message, with the future verdict of the arm
+    inbox          executor's thread: queues each message, with the future verdict of the arm;
+                   changes of settings and payloads are compiled ahead, passed on in order
     stepping       stepping thread: one cycle of the engine per period; records, publishes
 
 Around it:
 
     description    the model from a file or a topic, and published; topics of its <ros2_control>
     parameters     the settings as ROS parameters
-    changing       changes of settings and payloads: compiled ahead, passed on in order
     services       pause, step, reset: requests to the arm and their verdicts
     report         counts of all threads in one table, and the log lines about them
     graph          other nodes on the topics: wrong types, QoS, second publishers

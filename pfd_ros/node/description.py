@@ -19,7 +19,6 @@ import pfd_core as pfd
 from pfd_ros.arm.description import DescribedRobot, described_robot, parsed_urdf
 from pfd_ros.arm.events import DESCRIPTION, ROLES
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.matching import OVERRIDABLE
 from pfd_ros.messages.text_and_arrays import decode_string
 from pfd_ros.messages.topics import remapped
 from pfd_ros.node.endpoints import profile
@@ -51,19 +50,15 @@ def load_model(node: Node, settings: Settings, stopped: Callable[[], bool]) -> D
     return found
 
 
-def topics_of(node: Node, settings: Settings, found: DescribedRobot) -> dict[str, str]:
-    """Return the topics by role that differ from the defaults, and log those of the URDF."""
-    chosen = {'commands': settings.command_topic} if settings.command_topic else {}
+def log_topics(node: Node, found: DescribedRobot) -> None:
+    """Log the topics that the URDF names."""
     for role, theirs in found.topics.items():
         own = ROLES[role].topic
         name = remapped(node, own)
+        text = f'{own} is {theirs}, from <ros2_control>'
         if name:
             text = f'{own} is remapped to {name}, ignoring {theirs} of <ros2_control>'
-        else:
-            chosen[role] = theirs
-            text = f'{own} is {theirs}, from <ros2_control>'
         node.get_logger().info(one_line(text))
-    return chosen
 
 
 def wait_for_description(node: Node, seconds: float, stopped: Callable[[], bool]) -> pfd.Urdf:
@@ -109,11 +104,3 @@ def wait_for_description(node: Node, seconds: float, stopped: Callable[[], bool]
             f'{topic} has {len(received[0])} bytes, expected {LARGEST_DESCRIPTION} at most'
         )
     return parsed_urdf(decode_string(received[0]), topic)
-
-
-def publish_description(node: Node, text: str) -> None:
-    """Publish a URDF once, latched."""
-    publisher = node.create_publisher(
-        String, DESCRIPTION, profile(DESCRIPTION), qos_overriding_options=OVERRIDABLE
-    )
-    publisher.publish(String(data=text))

@@ -8,13 +8,28 @@ from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from pfd_ros.arm.events import CLOCK, CLOCK_TICKS, INPUT, PAYLOAD_IN_USE, ROLES
-from pfd_ros.messages.matching import OVERRIDABLE
-from pfd_ros.messages.topics import message_class
+from pfd_ros.arm.events import (
+    ARRAY,
+    CLOCK,
+    CLOCK_TICKS,
+    DESCRIPTION,
+    INPUT,
+    INPUTS,
+    PAYLOAD_IN_USE,
+    REJECTED,
+    ROLES,
+    STATES,
+)
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.matching import OVERRIDABLE, mismatch
+from pfd_ros.messages.topics import message_class, node_of, remapped
+from pfd_ros.text import cut, listed, one_line
 
 # Of outputs that a reader wants each of; of the others the newest message is enough.
 OUTPUT_DEPTH = 10
@@ -24,24 +39,67 @@ BEST_EFFORT = frozenset({CLOCK_TICKS})
 
 
 class Endpoints(NamedTuple):
-    """The rclpy publishers of outputs and subscriptions of inputs, by role."""
+    """The rclpy publishers of outputs and subscriptions of inputs of a node, by role."""
 
-    publishers: Mapping[str, Any]
-    subscriptions: Mapping[str, Any]
+    node: Node
+    publishers: dict[str, Any]
+    subscriptions: dict[str, Any]
+
+    @property
+    def all(self) -> dict[str, Any]:
+        """Both, by role."""
+        return {**self.subscriptions, **self.publishers}
 
     def topic(self, role: str) -> str:
         """Return the topic of a role of this arm, or the role of an input from services."""
-        end = self.publishers.get(role) or self.subscriptions.get(role)
+        end = self.all.get(role)
         return role if end is None else str(end.topic_name)
 
+    def others(self, role: str) -> list[Any]:
+        """Return the endpoints in the graph with which ours is to exchange messages."""
+        reads = role in self.subscriptions
+        node, topic = self.node, self.topic(role)
+        found = (
+            node.get_publishers_info_by_topic if reads else node.get_subscriptions_info_by_topic
+        )
+        return list(found(topic))
 
-def profile(role: str) -> QoSProfile:
-    """Return the QoS of a role without overrides."""
+    def misfit(self, role: str, info: Any) -> str:
+        """Return why ours and an endpoint in the graph exchange no messages, '' if they do."""
+        end, reads = self.all[role], role in self.subscriptions
+        wanted = ROLES[role].type
+        return mismatch(info, end.topic_name, wanted, end.qos_profile, publishes=reads)
+
+
+def topic_roles(settings: Settings) -> set[str]:
+    """Return the roles that have a topic of the node."""
+    roles = {role for role in INPUTS if not ROLES[role].service}
+    roles |= {REJECTED, PAYLOAD_IN_USE, STATES, *settings.outputs}
+    if settings.publish_clock:
+        roles.add(CLOCK)
+    if settings.publish_description:
+        roles.add(DESCRIPTION)
+    return roles if settings.follows_clock else roles - {CLOCK_TICKS}
+
+
+def chosen_topics(node: Node, settings: Settings, theirs: Mapping[str, str]) -> dict[str, str]:
+    """Return the topics, by role, that parameters or `<ros2_control>`, `theirs`, name.
+
+    A remapping of the default topic overrides `<ros2_control>`.
+    """
+    chosen = {
+        role: topic for role, topic in theirs.items() if not remapped(node, ROLES[role].topic)
+    }
+    return chosen | ({ARRAY: settings.command_topic} if settings.command_topic else {})
+
+
+def profile(role: str, depth: int = 0) -> QoSProfile:
+    """Return the QoS of a role without overrides, with the depth of its row or another one."""
     row = ROLES[role]
     deep = row.kind != INPUT and not row.latched and role not in NEWEST_ONLY
     latched, lossy = row.latched, role in BEST_EFFORT
     return QoSProfile(
-        depth=OUTPUT_DEPTH if deep else 1,
+        depth=depth or (OUTPUT_DEPTH if deep else 1),
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         reliability=ReliabilityPolicy.BEST_EFFORT if lossy else ReliabilityPolicy.RELIABLE,
     )
@@ -51,41 +109,70 @@ def create_endpoints(
     node: Node,
     roles: Collection[str],
     topics: Mapping[str, str],
-    receive: Callable[[str, bytes], Any],
+    receive: Callable[..., Any],
+    depth: int = 0,
 ) -> Endpoints:
     """Create a publisher for each output and a subscription for each input among some roles.
 
-    `topics` has the topics that differ from the table; `receive` is called with role and bytes of
-    each message, on the executor's thread. ValueError if two roles have one topic.
+    Parameters
+    ----------
+    node, roles
+        Of the arm.
+    topics
+        Role -> its topic, where it differs from the table.
+    receive
+        Called with role and bytes of each message, on the executor's thread.
+    depth
+        Of the subscriptions, 0 for the default.
+
+    Raises
+    ------
+    ValueError
+        If a topic has an invalid name, two roles, or another type in the graph.
     """
-    publishers: dict[str, Any] = {}
-    subscriptions: dict[str, Any] = {}
-    # No events of the middleware: graph.py logs the same with the names of nodes and a remedy.
-    for role, row in ROLES.items():
-        if role not in roles:
-            continue
-        kind, topic = message_class(row.type), topics.get(role, row.topic)
-        if row.kind == INPUT:
-            subscriptions[role] = node.create_subscription(
-                kind,
-                topic,
-                partial(receive, role),
-                profile(role),
-                raw=True,
-                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-                qos_overriding_options=OVERRIDABLE,
-            )
-        else:
-            publishers[role] = node.create_publisher(
-                kind,
-                topic,
-                profile(role),
-                event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
-                qos_overriding_options=OVERRIDABLE,
-            )
+    ends = Endpoints(node, {}, {})
     names: dict[str, str] = {}
-    for role, end in {**subscriptions, **publishers}.items():
+    # No events of the middleware: graph.py logs the same with the names of nodes and a remedy.
+    reads = SubscriptionEventCallbacks(use_default_callbacks=False)
+    writes = PublisherEventCallbacks(use_default_callbacks=False)
+    for role in (role for role in ROLES if role in roles):
+        row, topic = ROLES[role], topics.get(role, ROLES[role].topic)
+        made = (message_class(row.type), topic)
+        end: Any
+        try:
+            if row.kind == INPUT:
+                end = ends.subscriptions[role] = node.create_subscription(
+                    *made,
+                    partial(receive, role),
+                    profile(role, depth),
+                    raw=True,
+                    event_callbacks=reads,
+                    qos_overriding_options=OVERRIDABLE,
+                )
+            else:
+                end = ends.publishers[role] = node.create_publisher(
+                    *made,
+                    profile(role),
+                    event_callbacks=writes,
+                    qos_overriding_options=OVERRIDABLE,
+                )
+        except (NameValidationException, RCLError) as error:
+            why = _other_types(node, topic, row.type) or one_line(error)
+            raise ValueError(f'{role} cannot have the topic {cut(topic)!r}: {why}') from error
         other = names.setdefault(end.topic_name, role)
         if other != role:
             raise ValueError(f'{other} and {role} have one topic, {end.topic_name}')
-    return Endpoints(publishers, subscriptions)
+    return ends
+
+
+def _other_types(node: Node, topic: str, wanted: str) -> str:
+    """Return which nodes have another type on a topic; within a process the middleware refuses."""
+    try:
+        name = node.resolve_topic_name(topic)
+        found = node.get_publishers_info_by_topic(name) + node.get_subscriptions_info_by_topic(
+            name
+        )
+    except (NameValidationException, RCLError):
+        return ''
+    nodes = {f'{node_of(info)}: {info.topic_type}' for info in found if info.topic_type != wanted}
+    return f'expected the type {wanted}, which differs in {listed(sorted(nodes))}' if nodes else ''

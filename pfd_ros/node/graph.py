@@ -15,7 +15,6 @@ from typing import Any
 from rclpy.node import Node
 
 from pfd_ros.arm.events import ARRAY, CLOCK, COMMANDS, NAMED, ROLES, STATES
-from pfd_ros.messages.matching import mismatch
 from pfd_ros.messages.topics import UNKNOWN_NODE, node_of
 from pfd_ros.node.endpoints import Endpoints
 from pfd_ros.node.report import Report
@@ -56,15 +55,14 @@ class GraphCheck:
         """Query the graph and log connections that cannot work."""
         self.mismatched = 0
         for role, end in self._endpoints.subscriptions.items():
-            found = list(self._settled(self._node.get_publishers_info_by_topic(end.topic_name)))
+            found = list(self._settled(self._endpoints.others(role)))
             self.publishers[role] = sorted({node_of(info) for info in found})
             fitting = [node_of(info) for info in found if self._fits(role, info)]
             if role in COMMANDS:
                 self._commanded |= bool(fitting)
                 self._check_commanders(end, sorted(set(fitting)))
         self._check_commanded()
-        topic = self._endpoints.topic(STATES)
-        for info in self._settled(self._node.get_subscriptions_info_by_topic(topic)):
+        for info in self._settled(self._endpoints.others(STATES)):
             self._fits(STATES, info)
         for role, trouble in SECOND_PUBLISHER.items():
             if role in self._endpoints.publishers:
@@ -104,13 +102,10 @@ class GraphCheck:
 
     def _fits(self, role: str, info: Any) -> bool:
         """Return whether an endpoint of another node matches ours; count and log it if not."""
-        inputs, publishing = self._endpoints.subscriptions, role in self._endpoints.subscriptions
-        end = inputs[role] if publishing else self._endpoints.publishers[role]
-        wanted, topic = ROLES[role].type, end.topic_name
-        text = mismatch(info, topic, wanted, end.qos_profile, publishes=publishing)
+        text, inputs = self._endpoints.misfit(role, info), self._endpoints.subscriptions
         if not text:
             return True
-        if publishing and info.topic_type != wanted:
+        if role in inputs and info.topic_type != ROLES[role].type:
             others = [other for other in inputs if ROLES[other].type == info.topic_type]
             text += f'; use {self._endpoints.topic(others[0])} for this type' if others else ''
         self.mismatched += 1

@@ -18,9 +18,10 @@ With `autostart` (the default) the node configures and activates itself before i
 message, a model that does not load ends the process with status 1, and parameters of the arm are
 read-only. Without it they may change before configure and after cleanup.
 
-The exit status is 0 if every configured arm and its recording worked to the end. A signal during a
-transition waits for it, ten seconds at most, and then closes the recording. Transitions run on the
-executor's thread, one at a time; they raise no exceptions there.
+The exit status is 0 if every configured arm and its recording worked to the end, and each
+transition that failed was repeated with success. A signal during a transition waits for it, ten
+seconds at most, and then closes the recording. Transitions run on the executor's thread, one at a
+time; they raise no exceptions there.
 """
 
 from __future__ import annotations
@@ -34,17 +35,21 @@ import time
 from typing import Any
 import warnings
 
+from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import State, Transition, TransitionEvent
+from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 
-from pfd_ros.arm.events import DIAGNOSTICS, TRANSITIONS
+from pfd_ros.arm.events import DIAGNOSTICS, ROLES, TRANSITIONS
+from pfd_ros.messages.matching import OVERRIDABLE
 from pfd_ros.node import parameters
-from pfd_ros.node.diagnostics import ERROR, OK, DiagnosticsPublisher, Task
+from pfd_ros.node.diagnostics import ERROR, message, status
 from pfd_ros.node.report import Report, introduce, report_arm, summary
 from pfd_ros.node.sim_arm import SimArm
 from pfd_ros.node.threads import END_SECONDS, Threads, described, reason
-from pfd_ros.text import one_line
+from pfd_ros.text import cut, one_line
 
 NAME = 'sim_arm'
 UNCONFIGURED, INACTIVE, ACTIVE = (
@@ -57,6 +62,11 @@ TRANSITIONS_OF_ARM = {
     'configure': (Transition.TRANSITION_CONFIGURE, UNCONFIGURED, INACTIVE),
     'activate': (Transition.TRANSITION_ACTIVATE, INACTIVE, ACTIVE),
     'deactivate': (Transition.TRANSITION_DEACTIVATE, ACTIVE, INACTIVE),
+}
+# Lines about what callers of services did, by the key of its count.
+CALLS = {
+    'callbacks': '# callbacks failed, most recently by ',
+    'transitions': '# transitions refused, most recently ',
 }
 
 
@@ -81,10 +91,17 @@ class SimArmNode(LifecycleNode):
         self._reached_ns = 0
         self._error: Exception | None = None
         self._problems: list[str] = []
+        # By transition, until it succeeds.
+        self._failed: dict[str, str] = {}
         self._report = Report(self.get_logger())
         for line in parameters.unused_files(args, self.get_fully_qualified_name()):
             self._report.log(line)
-        self._diagnostics = DiagnosticsPublisher(self)
+        self._diagnostics = self.create_publisher(
+            DiagnosticArray,
+            ROLES[DIAGNOSTICS].topic,
+            QoSProfile(depth=1),
+            qos_overriding_options=OVERRIDABLE,
+        )
         self._autostart = self._starting = parameters.declare(self)
         for service in self.services:
             service.callback = partial(self._answer, service.callback)
@@ -140,12 +157,14 @@ class SimArmNode(LifecycleNode):
             except self._mistakes as error:
                 self._error = error
                 if not self._starting:
-                    self._report.log(f'{name} failed: {reason(error)}', error=True)
+                    self._failed[name] = f'{name} failed: {reason(error)}'
+                    self._report.log(self._failed[name], error=True)
                 return TransitionCallbackReturn.FAILURE
             except Exception as error:
                 self._error = error
                 self._problems.append(f'{name} failed: {described(error)}')
                 return TransitionCallbackReturn.ERROR
+            self._failed.pop(name, None)
             if self.arm is not None:
                 number, start, goal = TRANSITIONS_OF_ARM[name]
                 event = TransitionEvent(
@@ -207,6 +226,16 @@ class SimArmNode(LifecycleNode):
 
     def _answer(self, callback: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
         """Answer a request even if its callback raises, as some callbacks of rclpy do."""
+        if isinstance(request, ChangeState.Request):
+            wanted, (_, state) = request.transition, self._state_machine.current_state
+            found = self._state_machine.available_transitions
+            # rclpy raises for one that there is not.
+            if not any(
+                (wanted.label or wanted.id) in one[: 1 + bool(wanted.label)] for one in found
+            ):
+                name = cut(wanted.label) or wanted.id
+                self._report.add('transitions', f'{name!r} from the state {state}')
+                return response
         try:
             return callback(request, response)
         except Exception as error:
@@ -224,23 +253,25 @@ class SimArmNode(LifecycleNode):
         try:
             # The public API calls a service of this node.
             _, label = self._state_machine.current_state
-            level = ERROR if self._problems else OK
-            tasks = [Task('lifecycle', level, label, [('problems', len(self._problems))])]
+            values, trouble = {'problems': len(self._problems)}, (ERROR, self._problems, label)
+            tasks = [status('lifecycle', values, label, trouble)]
             if self.arm is not None:
                 report_arm(self.arm.report, self.arm.stepper, self.arm.endpoints)
                 self.arm.graph.check()
                 tasks += self.arm.diagnostics.tasks()
-            self._report_callbacks()
-            data = self._diagnostics.publish(tasks)
+            self._report_calls()
+            data = message(self.get_fully_qualified_name().lstrip('/'), tasks)
+            self._diagnostics.publish(data)
             if self.arm is not None:
                 self.arm.record(DIAGNOSTICS, data)
         finally:
             self._lock.release()
 
-    def _report_callbacks(self) -> None:
-        count, detail = self._report.counts().get('callbacks', (0, ''))
-        text = f'callbacks failed, most recently by {detail}'
-        self._report.line('callbacks', count, text, error=True)
+    def _report_calls(self) -> None:
+        counts = self._report.counts()
+        for key in CALLS.keys() & counts.keys():
+            count, detail = counts[key]
+            self._report.line(key, count, f'{CALLS[key]}{detail}', error=key == 'callbacks')
 
     def close(self) -> None:
         """End the arm, after the transition that may be on its way; none follows."""
@@ -253,10 +284,10 @@ class SimArmNode(LifecycleNode):
             if self.arm is not None:
                 self._end(self.arm)
             self._report.closing = True
-            self._report_callbacks()
+            self._report_calls()
         finally:
             self._lock.release()
 
     def problems(self) -> list[str]:
         """Return why the run failed."""
-        return [*self._threads.failures, *self._problems]
+        return [*self._threads.failures, *self._problems, *self._failed.values()]

@@ -44,7 +44,7 @@ from pfd_ros.arm.settings import (
     joint_values,
 )
 from pfd_ros.messages.text_and_arrays import encode_string
-from pfd_ros.node.changing import Changes
+from pfd_ros.node.inbox import Changes
 from pfd_ros.node.services import ANSWER_SECONDS
 from pfd_ros.text import NAME_COUNT, listed, one_line, similar
 
@@ -133,6 +133,13 @@ def _plain(value: Any) -> Any:
     return value if isinstance(value, str | bool | int | float) else tuple(value)
 
 
+def unknown_parameters(node: Node) -> list[str]:
+    """Return the parameters that arguments or files give, and the node does not have."""
+    # rclpy has no public access to them.
+    given: Mapping[str, Parameter] = getattr(node, '_parameter_overrides', {})
+    return sorted(name for name in given if not node.has_parameter(name))
+
+
 def refuse_unknown(node: Node) -> str:
     """Return a line about unknown parameters, '' without any, unless one seems to be misspelt.
 
@@ -140,9 +147,7 @@ def refuse_unknown(node: Node) -> str:
     (`/**`) may hold parameters of others, and a node without autostart may have some for the
     joints of its next robot.
     """
-    # rclpy has no public access to what the command line and files give.
-    given: Mapping[str, Parameter] = getattr(node, '_parameter_overrides', {})
-    unknown = sorted(name for name in given if not node.has_parameter(name))
+    unknown = unknown_parameters(node)
     for name in unknown:
         if name in REMOVED:
             raise ValueError(f'there is no parameter {name!r} any more: {REMOVED[name]}')

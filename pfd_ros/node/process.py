@@ -19,7 +19,7 @@ import signal
 import sys
 import threading
 import traceback
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
@@ -52,17 +52,9 @@ MISTAKES = (
 )
 
 
-class Companion(Protocol):
-    """A process that accompanies the node, such as its 3D view."""
-
-    def start(self, node: str) -> None:
-        """Start it for the node of a full name, whose arm is running."""
-
-    def ended(self) -> str:
-        """Return how it ended, '' while it runs."""
-
-    def stop(self) -> None:
-        """End it, if it was started."""
+# A process that accompanies the node, such as its 3D view, with the methods start(name of the
+# node), ended() -> how it ended, '' while it runs, and stop().
+Companion: TypeAlias = Any
 
 
 def run(args: list[str], stop: threading.Event, companion: Companion | None = None) -> int:

@@ -8,7 +8,7 @@ lasts its line is repeated at growing intervals, with complete counts.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Collection, Hashable
 from dataclasses import dataclass
 import threading
 import time
@@ -94,6 +94,15 @@ class Report:
         """Return the counts of inputs, by role and label."""
         return {key: value for key, value in self.counts().items() if key[0] in INPUTS}
 
+    def accepted(self, roles: Collection[str]) -> int:
+        """Return how many inputs of some roles were accepted."""
+        counts = self.counts()
+        return sum(counts.get((role, ACCEPTED.label), (0,))[0] for role in roles)
+
+    def rejected(self) -> int:
+        """Return how many inputs were rejected."""
+        return sum(n for (_, label), (n, _) in self.inputs().items() if is_rejection(label))
+
     def counts(self) -> dict[Any, tuple[int, str]]:
         """Return the count and the newest detail of each key."""
         with self._lock:
@@ -112,15 +121,11 @@ class Report:
         return new
 
     def line(self, key: Hashable, count: int, text: str, *, error: bool = False) -> None:
-        """Log the increase of a count, followed by a text."""
+        """Log a text when a count has grown, with the increase for a leading # or at its end."""
         new = self.grown(key, count)
-        if new:
-            self.log(f'{new} {text}', error=error)
-
-    def event(self, key: Hashable, count: int, text: str, *, error: bool = False) -> None:
-        """Log a text when a count has grown, with the increase behind it if it exceeds 1."""
-        new = self.grown(key, count)
-        if new:
+        if new and text.startswith('#'):
+            self.log(f'{new}{text[1:]}', error=error)
+        elif new:
             self.log(text if new == 1 else f'{text} ({new} times)', error=error)
 
     def lasting(self, key: Hashable, text: str) -> None:
@@ -171,23 +176,20 @@ def report_arm(report: Report, stepper: Stepper, endpoints: Endpoints) -> None:
     """Log what is new about an arm since the last call."""
     engine, state = stepper.engine, stepper.engine.state
     _report_inputs(report, engine, endpoints)
-    text = (
-        'periods missed (busy machine): lower real_time_factor or publish_rate, or raise step_size'
-    )
-    report.line('missed', stepper.missed, text)
-    report.event('timeouts', state.timeouts, timeout_text(state.settings))
+    cure = 'lower real_time_factor or publish_rate, or raise step_size'
+    report.line('missed', stepper.missed, f'# periods missed (busy machine): {cure}')
+    report.line('timeouts', state.timeouts, timeout_text(state.settings))
     text = f'protective stop, all joints braked: {state.tripped}; call ~/reset to end it'
-    report.event('reflex', state.trips, text, error=True)
+    report.line('reflex', state.trips, text, error=True)
     reason = f': {state.failure}' if state.failure else ''
     text = f'simulation stopped{reason}; call ~/reset to restart'
-    report.event('failure', state.failures, text, error=True)
-    waited = int(stepper.resent * RESEND_SECONDS)
+    report.line('failure', state.failures, text, error=True)
     text = (
-        f's of waiting for commands in lockstep, now for the state at t = '
+        '# s of waiting for commands in lockstep, now for the state at t = '
         f'{engine.stamp_ns / NANOSECONDS:.9g} s; check that the controller answers each state '
         'and uses this /clock'
     )
-    report.line('lockstep', waited, text)
+    report.line('lockstep', int(stepper.resent * RESEND_SECONDS), text)
     since = max(stepper.started, report.newest.get(CLOCK_TICKS, 0.0))
     silent = int(time.monotonic() - since) if state.settings.follows_clock else 0
     if silent >= LOST_CLOCK_SECONDS and not report.closing:
@@ -203,28 +205,27 @@ def _report_inputs(report: Report, engine: Engine, endpoints: Endpoints) -> None
     for (role, label), (count, detail) in report.inputs().items():
         topic, key = endpoints.topic(role), (role, label)
         if label == f'unknown_names{REMARK}':
-            names = detail.removeprefix('unknown joints ')
-            text = f'unknown joints in messages ignored on {topic}: {names}'
-            report.event(key, count, f'{text}; known joints: {listed(engine.names)}')
+            names = (
+                f'{detail.removeprefix("unknown joints ")}; known joints: {listed(engine.names)}'
+            )
+            report.line(key, count, f'unknown joints in messages ignored on {topic}: {names}')
         elif label == f'{LOCKED_JOINTS}{REMARK}':
             names = detail.removeprefix('locked: ')
             report.once(key, f'commands for locked joints have no effect: {names}')
         elif label == f'future{REMARK}':
             report.once(key, f'commands on {topic} have stamps of another clock: {detail}')
         elif is_rejection(label):
-            text = f'messages on {topic} rejected: {label} ({detail})'
+            text = f'# messages on {topic} rejected: {label} ({detail})'
             report.line(key, count, text, error=label in ERRORS)
 
 
 def summary(report: Report, stepper: Stepper) -> str:
     """Return the totals of a run as a sentence."""
-    state, inputs = stepper.engine.state, report.inputs()
-    accepted = sum(n for (_, label), (n, _) in inputs.items() if label == ACCEPTED.label)
-    rejected = sum(n for (_, label), (n, _) in inputs.items() if is_rejection(label))
+    state = stepper.engine.state
     failure = f'; failure: {state.failure}' if state.failure else ''
     return (
         f'stopped after {state.step * state.settings.step_ns / NANOSECONDS:.9g} s of simulated '
-        f'time: {stepper.states} states published, {accepted} messages accepted, {rejected} '
-        f'rejected, {stepper.late} of {state.step} steps late, {stepper.missed} periods missed'
-        f'{failure}'
+        f'time: {stepper.states} states published, {report.accepted(INPUTS)} messages accepted, '
+        f'{report.rejected()} rejected, {stepper.late} of {state.step} steps late, '
+        f'{stepper.missed} periods missed{failure}'
     )

@@ -20,18 +20,13 @@ from rclpy.node import Node
 from pfd_ros.arm.advice import estimate_text
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import (
-    CLOCK,
-    CLOCK_TICKS,
+    DESCRIPTION,
     DIAGNOSTICS,
-    INPUTS,
     PARAMETERS,
     PAYLOAD,
-    PAYLOAD_IN_USE,
-    REJECTED,
     REJECTED_COUNTS,
     REQUESTS,
     ROLES,
-    STATES,
     TIP_WRENCH,
     TRANSITIONS,
     Message,
@@ -40,13 +35,13 @@ from pfd_ros.arm.other_inputs import encode_request
 from pfd_ros.arm.plant import with_scene_text
 from pfd_ros.arm.plant_settings import ESTIMATED
 from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.text_and_arrays import encode_string
 from pfd_ros.node import parameters
-from pfd_ros.node.changing import Changes
-from pfd_ros.node.description import load_model, publish_description, topics_of
+from pfd_ros.node.description import load_model, log_topics
 from pfd_ros.node.diagnostics import ArmDiagnostics, MassKernels
-from pfd_ros.node.endpoints import create_endpoints
+from pfd_ros.node.endpoints import chosen_topics, create_endpoints, topic_roles
 from pfd_ros.node.graph import GraphCheck
-from pfd_ros.node.inbox import Inbox
+from pfd_ros.node.inbox import Changes, Inbox
 from pfd_ros.node.report import Report
 from pfd_ros.node.services import create_services
 from pfd_ros.node.stepping import Stepper
@@ -109,11 +104,12 @@ class SimArm:
             else:
                 inbox.put(role, data)
 
-        topics = topics_of(node, settings, model)
-        self.endpoints = create_endpoints(node, topic_roles(settings), topics, receive)
+        log_topics(node, model)
+        topics = chosen_topics(node, settings, model.topics)
+        ends = self.endpoints = create_endpoints(node, topic_roles(settings), topics, receive)
         create_services(node, self.engine, inbox)
         if settings.publish_description:
-            publish_description(node, model.text)
+            ends.publishers[DESCRIPTION].publish(encode_string(model.text))
         if vars(settings)['armature'] == ESTIMATED:
             log.info(estimate_text(model.robot))
         ignored = parameters.refuse_unknown(node)
@@ -140,8 +136,7 @@ class SimArm:
         topics = {
             role: self._node.resolve_topic_name(ROLES[role].topic) for role in self.engine.roles
         }
-        for ends in self.endpoints:
-            topics |= {role: end.topic_name for role, end in ends.items()}
+        topics |= {role: end.topic_name for role, end in self.endpoints.all.items()}
         recorder = Recorder(path, self.engine, topics, self._node.get_logger().error)
         if self.engine.frames is not None:
             stamp_ns = self.engine.stamp_ns
@@ -216,15 +211,6 @@ class SimArm:
         }
         for kind, entity in self._entities:
             destroy[kind](entity)
-
-
-def topic_roles(settings: Settings) -> set[str]:
-    """Return the roles that have a topic of the node."""
-    roles = {role for role in INPUTS if not ROLES[role].service}
-    roles |= {REJECTED, PAYLOAD_IN_USE, STATES, *settings.outputs}
-    if settings.publish_clock:
-        roles.add(CLOCK)
-    return roles if settings.follows_clock else roles - {CLOCK_TICKS}
 
 
 def recorded_roles(settings: Settings, frames: LinkFrames | None) -> set[str]:

@@ -12,10 +12,9 @@ threads. The same settings and controller give the same bits, here and over topi
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-import math
 import os
 from pathlib import Path
 import time
@@ -42,7 +41,7 @@ from pfd_ros.arm.events import (
 from pfd_ros.arm.other_inputs import encode_changes, encode_request
 from pfd_ros.arm.plant import with_scene_text
 from pfd_ros.arm.settings import FIELDS, Settings, split_joints, with_joint_numbers
-from pfd_ros.arm.state import BRAKE, State
+from pfd_ros.arm.state import State
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import encode_joints
 from pfd_ros.messages.numbers import encode_numbers
@@ -50,9 +49,9 @@ from pfd_ros.messages.types import WRENCH as WRENCH_STAMPED
 from pfd_ros.motion.metrics import Array
 from pfd_ros.recording.recorder import Recorder, topic_names, totals_of
 from pfd_ros.testing.callback import CallbackLink, Controller
-from pfd_ros.testing.loop import ArmError, Link, checked_reasons, run, seconds_of
+from pfd_ros.testing.loop import ArmError, checked_reasons, run, seconds_of
 from pfd_ros.testing.patience import PATIENCE_SECONDS, START_PATIENCE_SECONDS
-from pfd_ros.testing.trajectory import Limits, Rows, Trajectory
+from pfd_ros.testing.trajectory import Trajectory
 from pfd_ros.text import cut, did_you_mean
 
 # Numbers in published order, or by joint name.
@@ -64,11 +63,8 @@ FIXED: Mapping[str, Any] = {
     'autostart': True,
     'time_source': 'own',
 }
-LIMITS = ('position_lower', 'position_upper', 'velocity_limit', 'effort_limit')
-# Share of a control period by which a time may miss the end of the last one.
-SLACK = 1e-6
-# Inputs that are kept to run again after a failure, in parts: 400 000, some hundred bytes each.
-MOST_INPUTS = 3 * 400_000
+# Inputs that are kept to run again after a failure, some hundred bytes each.
+MOST_INPUTS = 400_000
 # The loop is faster than a disk: how full the recorder's queue may be, and how long to wait, s.
 BACKLOG_LIMIT, DISK_SECONDS = 0.25, 0.002
 
@@ -98,8 +94,6 @@ class LockstepArm:
         Settings, robot, and joints in published order, the order of all arrays.
     period
         The control period, s of simulated time.
-    engine, inputs, start
-        The arm itself, what it took, and the state that it was restored to.
 
     Raises
     ------
@@ -124,12 +118,13 @@ class LockstepArm:
         self._log: Recorder | None = None
         # Nothing is encoded until anybody reads it.
         self.engine = self._new_engine(())
-        self.names, self._order = self.engine.names, self.engine.order
+        self.names = self.engine.names
         self.period = self.settings.publish_every * self.settings.step_ns / NANOSECONDS
-        # The inputs since `start`, None for the start of the arm: the cycles before, role, bytes,
-        # one after the other, as many tuples would keep the garbage collector busy.
-        self.inputs: list[Any] = []
+        # The state that the arm was restored to, None for the start; and the inputs since then:
+        # the cycles before, role, bytes, one after the other, as many tuples would keep the
+        # garbage collector busy.
         self.start: State | None = None
+        self._inputs: list[Any] = []
 
     def _new_engine(self, roles: Collection[str]) -> Engine:
         """Return an engine at the start of the run; open the recording, if there is to be one."""
@@ -191,11 +186,9 @@ class LockstepArm:
         ----------
         controller
             Called as controller(t, q, qd) at the start of each control period, with the stamp [s]
-            and the values (n,) of the last state; returns efforts (n,), constant over the
-            period.
+            and the values (n,) of the last state; returns efforts (n,) for the period.
         seconds
-            Simulated time. The last row of the motion is one control period before its end, where
-            another run begins.
+            Simulated time. Another run begins one control period after the last row of the motion.
         patience
             Longest wall time of one call, s; infinite for a debugger. It works in the main thread,
             and interrupts Python code that waits.
@@ -204,13 +197,12 @@ class LockstepArm:
         ------
         ControllerError
             If the controller raises, blocks, or returns anything but a finite effort for each
-            joint. The arm then keeps the state passed to the controller, but for efforts that are
-            not finite, which it has rejected.
+            joint. The arm then keeps the state passed to the controller.
         ArmError
             If the state does not stay finite.
         """
         with CallbackLink(controller, self.names, patience) as link:
-            return self._run(link, seconds)
+            return run(self, link, seconds)
 
     def spin(
         self,
@@ -224,9 +216,8 @@ class LockstepArm:
         """Run controllers over topics for some simulated seconds; return the motion.
 
         The arm publishes a state, then its clock tick. After each message it waits until all nodes
-        have finished what follows from it: their callbacks, and timers on the node's clock. Nodes
-        in other processes say so through their parameter services. rclpy must be initialised, as
-        by the fixture `ros_domain`.
+        have finished what follows from it: their callbacks, and timers on the node's clock. rclpy
+        must be initialised, as by the fixture `ros_domain`.
 
         Parameters
         ----------
@@ -256,34 +247,24 @@ class LockstepArm:
         ArmError
             If the state does not stay finite.
         """
-        from pfd_ros.testing.nodes import NodeLink
+        from pfd_ros.testing.nodes import node_link
 
         allowed = checked_reasons(allow_rejected)
         if not self.engine.roles:
             state, self.engine = self.engine.save(), self._new_engine(ALL)
             self.engine.restore(state)
-        with NodeLink(self._described, self.engine, self._ros_args, controllers) as link:
-            link.begin(controller_period, patience, start_patience)
-            motion = self._run(link, seconds, allowed)
+        given = self._described, self.engine, self._ros_args, controllers, patience
+        with node_link(*given) as link:
+            link.begin(controller_period, start_patience, self.start is not None)
+            motion = run(self, link, seconds, allowed)
             link.check_end(seconds)
             return motion
 
-    def _run(self, link: Link, seconds: float, allowed: Collection[str] = ()) -> Trajectory:
-        if not 0.0 < seconds < math.inf:
-            raise ValueError(f'seconds is {seconds!r}, expected above zero and finite')
-        count = max(1, math.ceil(seconds / self.period - SLACK))
-        rows = Rows(count, len(self.names), self.period)
-        run(self.engine, self.step, link, rows, allowed)
-        braked = self.engine.state.acting[BRAKE][self._order] > 0.0
-        moved = rows.states[1:, 2].any(axis=0)
-        limits = [getattr(self.robot, name)[self._order] for name in LIMITS]
-        return rows.trajectory(
-            names=self.names,
-            limits=Limits(*limits),
-            robot=self.robot,
-            commanded=(moved | ~braked).tolist(),
-            notes=link.notes,
-        )
+    @property
+    def inputs(self) -> Iterator[tuple[int, str, bytes]]:
+        """The inputs since the start or the restored state: the cycles before, role, bytes."""
+        inputs = iter(self._inputs)
+        return zip(inputs, inputs, inputs, strict=True)
 
     def step(
         self, events: Sequence[Any] = (), every: int = 1
@@ -293,31 +274,30 @@ class LockstepArm:
         Return the messages that anybody needs, and a verdict for each command. ArmError if the
         state does not stay finite.
         """
-        engine, inputs = self.engine, self.inputs
+        engine, inputs = self.engine, self._inputs
         state = engine.state
-        if len(inputs) < MOST_INPUTS:
+        if len(inputs) < 3 * MOST_INPUTS:
             for role, data in events:
                 inputs += (state.cycle, role, data)
         messages, verdicts = engine.step(events)
         while state.cycle % every:
             messages += engine.step()[0]
-        if self._log is not None:
-            self._record(self._log, messages)
+        self._record(messages)
         if state.failure:
             raise ArmError(f't = {self.time:.6g} s: {state.failure}')
         return messages, verdicts
 
-    def _record(self, log: Recorder, messages: list[Message]) -> None:
-        log.put(messages, self.engine.stamp_ns)
-        while log.waiting_share > BACKLOG_LIMIT:
-            time.sleep(DISK_SECONDS)
+    def _record(self, messages: list[Message]) -> None:
+        if self._log is not None:
+            self._log.put(messages, self.engine.stamp_ns)
+            while self._log.waiting_share > BACKLOG_LIMIT:
+                time.sleep(DISK_SECONDS)
 
     def _demand(self, role: str, data: bytes) -> None:
         """Send a message that the next cycle takes; ValueError if the arm does not accept it."""
-        self.inputs += (self.engine.state.cycle, role, data)
+        self._inputs += (self.engine.state.cycle, role, data)
         messages, (verdict,) = self.engine.step([Message(role, data)], run=False)
-        if self._log is not None:
-            self._record(self._log, messages)
+        self._record(messages)
         if not verdict.accepted:
             raise ValueError(f'{verdict.label}: {verdict.detail}')
 
@@ -387,7 +367,7 @@ class LockstepArm:
         self.engine.restore(state)
         self.settings = self.engine.state.settings
         self.start = self.engine.save()
-        self.inputs.clear()
+        self._inputs.clear()
 
     def record_again(self, path: Path) -> str:
         """Run an unrecorded arm again with the same inputs, hence with the same bits, recorded.
@@ -395,7 +375,7 @@ class LockstepArm:
         Return a line about what is wrong with the recording, or ''. ValueError if there were too
         many inputs to keep, OSError if the file exists or cannot be written.
         """
-        if len(self.inputs) >= MOST_INPUTS:
+        if len(self._inputs) >= 3 * MOST_INPUTS:
             raise ValueError('the inputs of this run are too many: record it with recording=...')
         robot, settings = self._given
         with warnings.catch_warnings():
@@ -404,10 +384,10 @@ class LockstepArm:
         with again:
             if self.start is not None:
                 again.engine.restore(self.start)
-            inputs, state = iter(self.inputs), again.engine.state
+            state = again.engine.state
             # It may end in a failure, as the first arm did.
             with suppress(ArmError):
-                for cycles, role, data in zip(inputs, inputs, inputs, strict=True):
+                for cycles, role, data in self.inputs:
                     while state.cycle < cycles:
                         again.step()
                     with suppress(ValueError):  # refused, as by the first arm
@@ -486,4 +466,4 @@ def _by_joint(names: Sequence[str], label: str, values: JointValues) -> Array:
     unknown = sorted(set(values) - set(names))
     if unknown:
         raise ValueError(f'{label} names {unknown}, expected joints of {list(names)}')
-    return np.array([float(values.get(joint, math.nan)) for joint in names])
+    return np.array([float(values.get(joint, np.nan)) for joint in names])

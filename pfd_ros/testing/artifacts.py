@@ -97,10 +97,9 @@ def _marks(arm: LockstepArm, error: BaseException) -> Iterator[Moment | Referenc
         names, times, positions, within = reference
         yield Reference(tuple(names), times, positions, within)
     origin, step = arm.settings.start_ns, arm.settings.step_ns
-    inputs = iter(arm.inputs)
     pushes = [
         (seconds_of(origin + cycles * step), decode_numbers(data, WRENCH_STAMPED).values)
-        for cycles, role, data in zip(inputs, inputs, inputs, strict=True)
+        for cycles, role, data in arm.inputs
         if role == WRENCH
     ]
     ends = [time for time, _ in pushes[1:]] + [arm.time]

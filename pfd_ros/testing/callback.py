@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from pfd_ros.arm.events import ARRAY, Message, Verdict
 from pfd_ros.messages.text_and_arrays import encode_floats
 from pfd_ros.motion.metrics import Array
-from pfd_ros.testing.loop import Command, ControllerError, RejectedError, blocked
+from pfd_ros.testing.loop import Command, ControllerError, RejectedError
 from pfd_ros.testing.patience import BlockedError, Watch
 from pfd_ros.text import one_line
 
@@ -30,8 +30,7 @@ class CallbackLink:
     silent = True
 
     def __init__(self, controller: Controller, names: Sequence[str], patience: float) -> None:
-        self._controller, self._names, self._patience = controller, names, patience
-        self._watch = Watch(patience)
+        self._controller, self._names, self._watch = controller, names, Watch(patience)
         numbers = np.zeros(len(names))
         self._head = encode_floats(numbers)[: -numbers.nbytes]
         self._answers, self._efforts = 0, np.empty(0)
@@ -56,14 +55,14 @@ class CallbackLink:
             efforts: Any = self._controller(time, q, qd)
             watch.since = 0.0
         except BlockedError:
-            raise self._blocked(time) from None
+            pass
         except Exception as error:
             text = one_line(f'{type(error).__name__}: {error}')
             raise ControllerError(f'the controller raised at t = {time:.6g} s: {text}') from error
         self.seconds = perf_counter() - begun
         if watch.stack:
-            # It caught what interrupted it.
-            raise self._blocked(time)
+            # Also if it caught what interrupted it.
+            raise ControllerError(watch.report(time, self._answers))
         if (
             type(efforts) is not np.ndarray
             or efforts.dtype is not FLOAT
@@ -74,9 +73,6 @@ class CallbackLink:
         self._efforts = efforts
         self._answers += 1
         return ((ARRAY, self._head + efforts.tobytes()),)
-
-    def _blocked(self, time: float) -> ControllerError:
-        return blocked(self._watch, self._patience, time, self._answers)
 
     def _converted(self, answer: Any, time: float) -> Array:
         names = list(self._names)

@@ -25,11 +25,9 @@ PORT_BASE, PORT_GAIN, PARTICIPANT_PORT = 7400, 250, 10
 # Variables that choose domain, range, discovery server, peers, transport, security, profiles.
 MIDDLEWARE = ('ROS_', 'RMW_', 'FASTRTPS_', 'FASTDDS_', 'CYCLONEDDS_', 'ZENOH_')
 # Variables of those names that say where the installation is and how it logs and checks.
-HARMLESS = frozenset(
-    {
-        *('ROS_DISTRO', 'ROS_VERSION', 'ROS_PYTHON_VERSION', 'ROS_PYTHON_CHECK_FIELDS'),
-        *('ROS_ETC_DIR', 'ROS_HOME', 'ROS_LOG_DIR', 'RMW_IMPLEMENTATION'),
-    }
+HARMLESS = (
+    *('ROS_DISTRO', 'ROS_VERSION', 'ROS_PYTHON_VERSION', 'ROS_PYTHON_CHECK_FIELDS'),
+    *('ROS_ETC_DIR', 'ROS_HOME', 'ROS_LOG_DIR', 'RMW_IMPLEMENTATION'),
 )
 # Of a process that uses UDP on this host, and no shared memory; see the profile why.
 LOOPBACK = {
@@ -44,16 +42,9 @@ MODULES = ('rclpy', 'rclpy.signals', 'rosidl_generator_py')
 
 
 def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
-    """Return the environment of processes on a domain: no variables that connect to other systems.
-
-    `inherited` is the environment of this process.
-    """
-    chosen = {
-        name: value
-        for name, value in inherited.items()
-        if name in HARMLESS or not name.startswith(MIDDLEWARE)
-    }
-    return chosen | {
+    """Return an environment for a domain, without the variables that connect to other systems."""
+    return {
+        **{k: v for k, v in inherited.items() if k in HARMLESS or not k.startswith(MIDDLEWARE)},
         'ROS_DOMAIN_ID': str(domain),
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         # Fast DDS would take a profile from the folder it is started in.
@@ -111,23 +102,19 @@ def inhabited(domain: int) -> bool:
 @contextmanager
 def claimed_domain(start: int | None = None) -> Iterator[int]:
     """Claim a domain, as own_domain, and set it in the environment of child processes."""
+    before = dict(os.environ)
     with own_domain(start) as domain:
-        before, chosen = dict(os.environ), environment(os.environ, domain)
-        changed = {name for name, _ in before.items() ^ chosen.items()}
-        _take_over(chosen, changed)
         try:
+            _set(environment(before, domain))
             yield domain
         finally:
-            _take_over(before, changed)
+            _set(before)
 
 
-def _take_over(variables: Mapping[str, str], names: set[str]) -> None:
-    """Give some variables of the environment the values that they have among others, or none."""
-    for name in names:
-        if name in variables:
-            os.environ[name] = variables[name]
-        else:
-            os.environ.pop(name, None)
+def _set(variables: Mapping[str, str]) -> None:
+    for name in os.environ.keys() - variables.keys():
+        del os.environ[name]
+    os.environ.update(variables)
 
 
 def import_rclpy() -> Any:

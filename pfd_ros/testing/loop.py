@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The arm in lockstep with a controller: one loop over a link.
 
-    run(engine, step, link, rows, allowed)     publish messages, take commands, step
+    run(arm, link, seconds, allowed)     publish messages, take commands, step
 
 The arm never waits for a command. A link gives each message to the controllers, waits until they
 have finished what follows from it, and returns what they commanded: nothing, one or several
@@ -11,26 +11,27 @@ commands. So the same commands come before the same cycles, however long a contr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 import math
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import ACCEPTED, ALL_NAN, LABELS, NAMED, Message, Verdict
+from pfd_ros.arm.state import BRAKE
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS, decode_joints
 from pfd_ros.motion.metrics import Array
-from pfd_ros.testing.patience import Watch
-from pfd_ros.testing.trajectory import Rows
+from pfd_ros.testing.trajectory import Limits, Trajectory
 from pfd_ros.text import did_you_mean, listed
 
 # The role and the bytes of a message.
 Command: TypeAlias = tuple[str, bytes]
-Step: TypeAlias = Callable[[Sequence[Command], int], tuple[list[Message], list[Verdict]]]
 # The names that `allow_rejected` takes.
 REASONS = LABELS[1:]
+# Share of a control period by which a time may miss the end of the last one.
+SLACK = 1e-6
 
 
 class ArmError(Exception):
@@ -47,14 +48,6 @@ class RejectedError(ControllerError):
 
 class NoAnswerError(Exception):
     """No controller answered."""
-
-
-def blocked(watch: Watch, patience: float, time: float, answers: int) -> ControllerError:
-    """Return the error about a controller that blocks at a state; `answers` came before."""
-    return ControllerError(
-        f'the controller blocks: no answer for {patience:g} s to the state at t = {time:.6g} s, '
-        f'after {answers} answers; it is here:\n{watch.stack}'
-    )
 
 
 class Link(Protocol):
@@ -83,35 +76,41 @@ def seconds_of(stamp_ns: int) -> float:
     return seconds + 1e-9 * rest
 
 
-def run(engine: Engine, step: Step, link: Link, rows: Rows, allowed: Collection[str] = ()) -> None:
-    """Fill rows with published states and the efforts that follow them.
+def run(arm: Any, link: Link, seconds: float, allowed: Collection[str] = ()) -> Trajectory:
+    """Return the motion of an arm, a LockstepArm, for some simulated seconds.
 
-    `step` takes commands and runs to the next cycle that a number divides; it returns messages and
-    verdicts, as LockstepArm.step. Errors are those of the arm and of the link.
+    `allowed` has reasons for which commands may be rejected. Errors are those of the arm and of
+    the link; ValueError unless the seconds are finite and above zero.
     """
-    settings, silent = engine.state.settings, link.silent
+    if not 0.0 < seconds < math.inf:
+        raise ValueError(f'seconds is {seconds!r}, expected above zero and finite')
+    engine, silent = arm.engine, link.silent
+    settings = engine.state.settings
     every = settings.publish_every
     if not silent and settings.publish_clock:
         # States and clock ticks may have periods of their own.
         every = math.gcd(every, settings.clock_every)
-    messages = [] if silent else engine.present()
     # Whether each round ends in a published state.
     always = every == settings.publish_every and not settings.drop_state
-    answer, measure = link.answer, engine.measured
-    states, times, accepted = rows.states, rows.time, [ACCEPTED]
-    published, k, count = True, 0, len(times)
+    count = max(1, math.ceil(seconds / arm.period - SLACK))
+    times, compute_time = np.empty(count), np.full(count, math.nan)
+    # Position, velocity and effort; the effort of a row is in the next state, with which the next
+    # run begins.
+    states = np.empty((count + 1, 3, len(arm.names)))
+    messages = [] if silent else engine.present()
+    step, answer, measure, accepted = arm.step, link.answer, engine.measured, [ACCEPTED]
+    published, k = True, 0
     while True:
         time, measured = seconds_of(engine.stamp_ns), measure()
         if published:
-            # The effort of a row is in the next state, with which the next run begins.
             states[k] = measured
             if k == count:
-                return
+                break
             times[k] = time
             k += 1
         commands = answer(messages, time, measured)
         if commands:
-            rows.compute_time[k - 1] = link.seconds
+            compute_time[k - 1] = link.seconds
         messages, verdicts = step(commands, every)
         if verdicts != accepted or not silent:
             for command, verdict in zip(commands, verdicts, strict=True):
@@ -119,6 +118,17 @@ def run(engine: Engine, step: Step, link: Link, rows: Rows, allowed: Collection[
                 if found is not None and found.label not in allowed:
                     raise link.rejected(time, found)
         published = always or engine.published
+    order, robot = engine.order, arm.robot
+    braked = engine.state.acting[BRAKE][order] > 0.0
+    bounds = robot.position_lower, robot.position_upper, robot.velocity_limit, robot.effort_limit
+    q, qd, tau = (np.array(x) for x in (states[:-1, 0], states[:-1, 1], states[1:, 2]))
+    return Trajectory(
+        *(times, q, qd, tau, arm.names, Limits(*(bound[order] for bound in bounds)), robot),
+        compute_time=compute_time,
+        period=arm.period,
+        commanded=(tau.any(axis=0) | ~braked).tolist(),
+        notes=link.notes,
+    )
 
 
 def rejection(command: Command, verdict: Verdict, engine: Engine) -> Verdict | None:

@@ -52,30 +52,42 @@ class Watch:
         the controller caught what interrupted it.
     """
 
-    __slots__ = ('_before', '_blocked', '_ended', '_patience', '_wake', 'since', 'stack')
+    # Slots are faster: `since` is set twice for each state.
+    __slots__ = ('_before', '_blocked', '_ended', '_wake', 'patience', 'since', 'stack')
 
     def __init__(self, patience: float, wake: Callable[[], object] = lambda: None) -> None:
         if not patience > 0.0:
             raise ValueError(f'patience is {patience!r}, expected above zero, s')
-        self._patience, self._wake = patience, wake
+        self.patience, self._wake = patience, wake
         self.since = self._blocked = 0.0
         self.stack = ''
-        self._ended = threading.Event()
+        self._ended: threading.Event | None = None
         self._before: Any = None
 
     def __enter__(self) -> Watch:
         """Begin to watch."""
         if threading.current_thread() is threading.main_thread():
             self._before = signal.signal(SIGNAL, self._interrupt)
-            threading.Thread(target=self._run, name='patience', daemon=True).start()
+            self._ended = threading.Event()
+            watching = threading.Thread(
+                target=self._run, args=(self._ended,), name='patience', daemon=True
+            )
+            watching.start()
         return self
 
     def __exit__(self, *error: object) -> None:
         """Watch no longer."""
         self.since = 0.0
-        if not self._ended.is_set() and threading.current_thread() is threading.main_thread():
+        if self._ended is not None:
             signal.signal(SIGNAL, self._before or signal.SIG_DFL)
-        self._ended.set()
+            self._ended.set()
+
+    def report(self, time: float, answers: int) -> str:
+        """Return the error about the state at which the controller blocks, `answers` before it."""
+        return (
+            f'the controller blocks: no answer for {self.patience:g} s to the state at '
+            f't = {time:.6g} s, after {answers} answers; it is here:\n{self.stack}'
+        )
 
     def _interrupt(self, number: int, frame: FrameType | None) -> None:
         # The main thread alone sets `since`: if it is still the same, so is the turn.
@@ -84,20 +96,16 @@ class Watch:
         if callable(self._before):
             self._before(number, frame)
 
-    def _run(self) -> None:
+    def _run(self, ended: threading.Event) -> None:
         looked, looks = 0.0, 0
-        while not self._ended.wait(LOOK_SECONDS):
+        while not ended.wait(LOOK_SECONDS):
             since = self.since
-            looks = looks + 1 if since == looked else 0
-            looked = since
+            looks, looked = (looks + 1 if since == looked else 0), since
             waited = time.perf_counter() - since
-            if (
-                since
-                and waited > self._patience
-                and looks * LOOK_SECONDS > WATCHED * self._patience
-            ):
+            seen = looks * LOOK_SECONDS > WATCHED * self.patience
+            if since and waited > self.patience and seen:
                 self._end_turn(since)
-                if waited > 2.0 * self._patience and self.stack:
+                if waited > 2.0 * self.patience and self.stack:
                     self._wake()
 
     def _end_turn(self, since: float) -> None:

@@ -50,16 +50,8 @@ NODE_START_SECONDS = 60.0
 class ChildProcess:
     """A running process with its own process group, and its output.
 
-    Parameters
-    ----------
-    command
-        Program and arguments.
-    output
-        A file for its stdout and stderr; None for those of this process.
-    env, cwd
-        As for subprocess.Popen.
-    niceness
-        By how much it gives way to other processes, 0 to 19.
+    `output` is a file for its stdout and stderr, None for those of this process; `niceness`, 0 to
+    19, is by how much it gives way to other processes; the rest is as for subprocess.Popen.
     """
 
     def __init__(
@@ -72,18 +64,11 @@ class ChildProcess:
     ) -> None:
         self.command = [os.fspath(part) for part in command]
         self.output = output
+        start = [sys.executable, '-I', '-S', '-c', START]
         with nullcontext() if output is None else output.open('wb') as stream:
             self.process = subprocess.Popen(
                 # Without site packages this start takes 10 ms.
-                [
-                    sys.executable,
-                    '-I',
-                    '-S',
-                    '-c',
-                    START,
-                    *(str(niceness), str(os.getpid())),
-                    *self.command,
-                ],
+                [*start, str(niceness), str(os.getpid()), *self.command],
                 cwd=cwd,
                 env=env,
                 stdin=subprocess.DEVNULL,
@@ -139,9 +124,8 @@ class ControllerProcess(ChildProcess):
     """A controller as a running process, in the ROS domain of the test; program and arguments."""
 
     def __init__(self, command: Sequence[str | os.PathLike[str]]) -> None:
-        self._folder = Path(tempfile.mkdtemp(prefix='pfd_ros_'))
-        env = environment_to_kill(os.environ)
-        super().__init__(command, self._folder / 'output.txt', env)
+        self.folder = Path(tempfile.mkdtemp(prefix='pfd_ros_'))
+        super().__init__(command, self.folder / 'output.txt', environment_to_kill(os.environ))
 
     def __enter__(self) -> ControllerProcess:
         """Return the process."""
@@ -157,7 +141,7 @@ class ControllerProcess(ChildProcess):
     def close(self) -> None:
         """End the process, as Ctrl-C does or else by force."""
         self.stop(END_SECONDS)
-        shutil.rmtree(self._folder, ignore_errors=True)
+        shutil.rmtree(self.folder, ignore_errors=True)
 
 
 class NodeProcessError(Exception):
@@ -179,13 +163,14 @@ class NodeProcess(ControllerProcess):
     def __init__(self, parameters: Mapping[str, Any], ros_args: Sequence[str] = ()) -> None:
         names = {row.field: row.name for row in FIELDS}
         chosen = {names.get(name, name): value for name, value in parameters.items()}
-        with tempfile.NamedTemporaryFile('w', suffix='.yaml', delete=False) as file:
-            yaml.safe_dump({'/**': {'ros__parameters': chosen}}, file)
-        self._file, self._ros_args = file.name, ['--ros-args', *ros_args]
+        self._ros_args = ['--ros-args', *ros_args]
         # Whether `wait` has raised its error.
         self._failed = False
         # What an arm has when it is configured, or before.
         self._sign = '~/rejected' if chosen.get('autostart', True) else '~/transition_event'
+        with tempfile.NamedTemporaryFile('w', suffix='.yaml', delete=False) as file:
+            yaml.safe_dump({'/**': {'ros__parameters': chosen}}, file)
+        self._file = Path(file.name)
         command = [sys.executable, '-m', 'pfd_ros.node.main', *self._ros_args]
         super().__init__([*command, '--params-file', file.name])
 
@@ -200,29 +185,25 @@ class NodeProcess(ControllerProcess):
         topic = named.resolve_topic_name(self._sign)
         named.destroy_node()
         watching = Node('_sim_node_starts', enable_rosout=False)
-        begun, ended = time.monotonic(), ''
-        try:
-            while not watching.count_publishers(topic):
-                ended = self.end()
-                if time.monotonic() - begun > NODE_START_SECONDS:
-                    ended = f'does not publish {topic} within {NODE_START_SECONDS:g} s'
-                if ended:
-                    self._failed = True
-                    raise NodeProcessError(f'the node {ended}{self.tail()}')
-                time.sleep(LOOK_SECONDS)
-        finally:
-            watching.destroy_node()
+        deadline = time.monotonic() + NODE_START_SECONDS
+        while not (watching.count_publishers(topic) or self.end()):
+            if time.monotonic() > deadline:
+                break
+            time.sleep(LOOK_SECONDS)
+        self._failed = not watching.count_publishers(topic)
+        watching.destroy_node()
+        if self._failed:
+            late = f'does not publish {topic} within {NODE_START_SECONDS:g} s'
+            raise NodeProcessError(f'the node {self.end() or late}{self.tail()}')
 
     def close(self) -> None:
         """End the node as Ctrl-C does; NodeProcessError if it failed and `wait` did not say so."""
-        try:
-            ended, status = self.end(), self.stop(NODE_END_SECONDS)
-            if status == -signal.SIGKILL and not ended:
-                ended = f'did not end within {NODE_END_SECONDS:g} s'
-            elif status != 0:
-                ended = self.end()
-            if ended and not self._failed:
-                raise NodeProcessError(f'the node {ended}{self.tail()}')
-        finally:
-            os.unlink(self._file)
-            super().close()
+        ended, status = self.end(), self.stop(NODE_END_SECONDS)
+        if not ended and status == -signal.SIGKILL:
+            ended = f'did not end within {NODE_END_SECONDS:g} s'
+        ended = ended or (self.end() if status else '')
+        text = f'the node {ended}{self.tail()}'
+        self._file.unlink()
+        super().close()
+        if ended and not self._failed:
+            raise NodeProcessError(text)

@@ -4,10 +4,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 import math
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -129,12 +129,8 @@ class Trajectory:
     def settling_time(self, target: ArrayLike, within: float) -> Array:
         """Return the settling time of each joint (n,), s from the first row; inf if none.
 
-        Parameters
-        ----------
-        target
-            Where the joints should rest, (n,) or one number for all, rad or m.
-        within
-            Largest distance from there, rad or m.
+        `target` is where the joints should rest, (n,) or one number for all, and `within` the
+        largest distance from there, rad or m.
         """
         goals = self._per_joint('target', target)
         columns = zip(self.q.T, goals, strict=True)
@@ -165,16 +161,14 @@ class Trajectory:
 
     def limits_hit(self) -> list[LimitHit]:
         """Return the first sample at or beyond each limit, in the order of time."""
-        return sorted(self._hits(), key=lambda hit: hit.time)
-
-    def _hits(self) -> Iterator[LimitHit]:
-        for j, joint in enumerate(self.names):
-            for kind, values, least, most in self._bounds(j):
-                k = metrics.first_beyond(values, least, most)
-                if k is not None:
-                    value = float(values[k])
-                    bound = least if value <= least else most
-                    yield LimitHit(joint, kind, float(self.time[k]), value, bound)
+        hits = [
+            LimitHit(joint, kind, float(self.time[k]), value, least if value <= least else most)
+            for j, joint in enumerate(self.names)
+            for kind, values, least, most in self._bounds(j)
+            if (k := metrics.first_beyond(values, least, most)) is not None
+            for value in [float(values[k])]
+        ]
+        return sorted(hits, key=lambda hit: hit.time)
 
     def _bounds(self, j: int) -> list[tuple[str, Array, float, float]]:
         """Return the name of each limit of a joint, the bounded values, and the bounds."""
@@ -188,9 +182,7 @@ class Trajectory:
     def symptoms(self, target: Reference | None = None, joint: Joints = None) -> list[str]:
         """Return a diagnosis of each joint, one line each, as in failed assertions.
 
-        Oscillation with frequency and growth, divergence, or a steady offset from the target; the
-        share of the time at the torque limit; the first sample beyond a limit. `target` is a
-        position as for settling_time, or a reference as for assert_tracks.
+        `target` is a position as for settling_time, or a reference as for assert_tracks.
         pfd_ros.motion.symptoms defines the measures.
         """
         goals = None if target is None else self._rows('target', target, len(self.names))
@@ -219,7 +211,7 @@ class Trajectory:
     ) -> AssertionError:
         """Return the error of an assertion that fails in row k, with a diagnosis of some joints.
 
-        For the page it has the time, and where the joints should have been, within a distance.
+        For the page, it has the time, the goals (N, n), and the distance from them.
         """
         lines = self.symptoms(goals, [self.names[j] for j in joints]) if joints else []
         error = AssertionError('\n  '.join([text, *lines]))
@@ -250,17 +242,9 @@ class Trajectory:
     ) -> None:
         """Assert that joints follow a reference.
 
-        Parameters
-        ----------
-        reference
-            Positions of the joints, rad or m: (N, n) at the times of the motion, or a function of
-            the time [s] that returns (n,).
-        within, rms
-            Largest error of each joint in any row, and of its root mean square, rad or m.
-        after
-            Time from the first row before which errors do not count, s.
-        joint
-            The joints that are to follow it.
+        `reference` has the positions (N, n) at the times of the motion, or is a function of the
+        time [s] that returns (n,). `within` bounds the error of each joint in any row, and `rms`
+        its root mean square, rad or m. Errors before `after` s from the first row do not count.
         """
         __tracebackhide__ = True
         goals = self._rows('reference', reference, len(self.names))
@@ -418,21 +402,3 @@ class Trajectory:
                 f'({columns},) or a function of the time that returns them'
             )
         return np.broadcast_to(array, shape)
-
-
-class Rows:
-    """The rows of a trajectory while it grows."""
-
-    def __init__(self, count: int, joints: int, period: float) -> None:
-        self.count, self.period = 0, period
-        self.time, self.compute_time = np.empty(count), np.full(count, math.nan)
-        # Position, velocity and effort; the effort of a row is in the next state.
-        self.states = np.empty((count + 1, 3, joints))
-
-    def trajectory(self, **more: Any) -> Trajectory:
-        """Return the rows, all of them full; `more` are the other fields."""
-        q, qd, _ = (np.array(x) for x in np.moveaxis(self.states[:-1], 1, 0))
-        tau = np.array(self.states[1:, 2])
-        return Trajectory(
-            self.time, q, qd, tau, compute_time=self.compute_time, period=self.period, **more
-        )

@@ -79,6 +79,8 @@ def test_an_arm_is_configured_moved_stopped_and_configured_again(
     for number in (200, 255, 4):
         assert not transition(peer, number=number)
     assert state(peer) == 'unconfigured'
+    node.wait_for_text('transitions refused, most recently 4 from the state unconfigured')
+    assert 'RCLError' not in node.text()
     assert not (processes.folder / 'a.mcap').exists()
 
     assert set_text(peer, 'robot', 'puma560').successful
@@ -225,11 +227,13 @@ def test_shutdown_ends_the_process_with_a_closed_file(processes: Processes, peer
     peer.connect()
     assert state(peer) == 'active'
     assert transition(peer, 'deactivate')
-    # By itself no arm starts twice: read-only parameters name the same file.
+    # By itself no arm starts twice: read-only parameters name the same file. A transition that
+    # failed for good is no success.
     assert transition(peer, 'cleanup')
     assert not transition(peer, 'configure')
     assert transition(peer, 'shutdown')
-    assert node.process.wait(PATIENCE) == 0, node.text()
+    assert node.process.wait(PATIENCE) == 1
+    assert node.text().count('configure failed: arm.mcap: the file exists') == 2
     assert verify_log(processes.folder / 'arm.mcap').complete
 
 

@@ -83,9 +83,9 @@ class Decoder:
         """
         if self._of_joints:
             joints = decode_joints(data)
+            stamp, names = divmod(joints.stamp_ns, NANOSECONDS), list(joints.names)
             arrays = joints.position, joints.velocity, joints.effort
-            values = *divmod(joints.stamp_ns, NANOSECONDS), joints.frame_id, joints.names, *arrays
-            return dict(zip(self.paths, values, strict=True))
+            return dict(zip(self.paths, (*stamp, joints.frame_id, names, *arrays), strict=True))
         try:
             message = self._store.deserialize_cdr(data, self.kind)
         except SerdeError as error:

@@ -7,7 +7,7 @@ Measurements of pfd_core: each page of docs/report from rows that a command meas
     peers                ways of the same work: this library and others
     timing, run          interleaved times; all processors; progress
     pages                one module a page: measure -> rows, text and plots from the rows
-    table, plots         Markdown, JSON and figures
+    table, plots, drawings   Markdown, JSON, PNG and SVG
     __main__             python -m benchmarks [NAME ...] [--quick] [--from-json] [--out FOLDER]
 
 Not installed. Run it in the folder of the project, with the extras `report` and `peers`.

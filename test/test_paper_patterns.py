@@ -28,8 +28,8 @@ from closed_forms import LENGTHS, levels
 import numpy as np
 import pytest
 
+from benchmarks.cases import worked_example
 from benchmarks.pages import array as array_page
-from benchmarks.pages import worked_example
 import pfd_core as pfd
 
 Places = list[tuple[Any, int]]
@@ -188,20 +188,20 @@ def test_the_column_sweep_solves_triangular_systems(
 
 def planar_equation() -> tuple[np.ndarray, np.ndarray]:
     """Return H and the bias of its arm by the Lagrange equations in the plane, apart from it."""
-    page = worked_example
-    length, reach = page.REACH[:, 0], page.REACH[:, 0] + page.CENTERS[:, 0]
-    angle, speed = np.cumsum(np.round(page.STATE['q'] / (np.pi / 2))), np.cumsum(page.STATE['qd'])
+    arm = worked_example
+    length, reach = arm.REACH[:, 0], arm.REACH[:, 0] + arm.CENTERS[:, 0]
+    angle, speed = np.cumsum(np.round(arm.STATE['q'] / (np.pi / 2))), np.cumsum(arm.STATE['qd'])
     along = np.array([[(1, 0), (0, 1), (-1, 0), (0, -1)][int(k) % 4] for k in angle], dtype=float)
     H, bias = np.zeros((3, 3)), np.zeros(3)
-    for k, m in enumerate(page.MASSES):
+    for k, m in enumerate(arm.MASSES):
         # Of the centre of mass of link k: derivatives by the joint angles, and centripetal.
         arms = np.array([*(length[:k, None] * along[:k]), reach[k] * along[k]])
         turned = np.stack([-arms[:, 1], arms[:, 0]], axis=1)
         J = np.array([turned[i:].sum(axis=0) if i <= k else (0, 0) for i in range(3)])
         drift = -(speed[: k + 1, None] ** 2 * arms).sum(axis=0)
         turns = (np.arange(3) <= k).astype(float)
-        H += m * J @ J.T + page.MOMENTS[k, 2] * np.outer(turns, turns)
-        bias += m * J @ (drift - page.GRAVITY[:2])
+        H += m * J @ J.T + arm.MOMENTS[k, 2] * np.outer(turns, turns)
+        bias += m * J @ (drift - arm.GRAVITY[:2])
     return H, bias
 
 
@@ -219,7 +219,7 @@ def test_the_worked_example_has_the_numbers_of_the_lagrange_equations() -> None:
 
 def test_the_array_solves_the_equation_of_the_worked_example() -> None:
     H, bias = planar_equation()
-    found, y = array_page.equation()
+    found, y = worked_example.equation()
     np.testing.assert_array_equal(found, H)
     np.testing.assert_array_equal(y, worked_example.STATE['tau'] - bias)
     rows = [x for x in array_page.numbers(H, y) if x['run'] == 'solve']

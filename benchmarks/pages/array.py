@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.cases.paper import value
+from benchmarks.cases.worked_example import equation
 from benchmarks.drawings import FAINT, PAPER, Drawing
-from benchmarks.pages.worked_example import example
 from benchmarks.plots import BLACK, GREY, ORANGE, SKY
 from benchmarks.table import Row, grid, page
 from pfd_core.paper.array import (
@@ -67,14 +67,6 @@ def measure(quick: bool) -> dict[str, Any]:
         ],
         'numbers': list(numbers(*equation())),
     }
-
-
-def equation() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return H and y of the worked example."""
-    rows = example('pcrbm')
-    upper = np.array([x['lanes'] for x in rows if x['step'] == '8'], dtype=np.float64)
-    (y,) = (x['lanes'] for x in rows if x['name'].startswith('y ='))
-    return np.triu(upper) + np.triu(upper, 1).T, np.array(y, dtype=np.float64)
 
 
 def numbers(H: NDArray[Any], y: NDArray[Any]) -> Iterator[dict[str, Any]]:
@@ -181,7 +173,8 @@ def _acting(rows: Iterable[Row], design: str) -> list[str]:
     cycles = range(1, max(x['cycle'] for x in own) + 1)
     cells = sorted({(x['row'], x['column']) for x in own})
     return grid(
-        {(t, f'P_{k}{i}'): known.get((k, i, t), '') for t in cycles for k, i in cells}, 'cycle'
+        {(str(t), f'P_{k}{i}'): known.get((k, i, t), '') for t in cycles for k, i in cells},
+        'cycle',
     )
 
 

@@ -43,6 +43,8 @@ class LogArrays:
         The file or folder.
     topics : mapping of str to str
         Type of each topic of the whole log.
+    complete : bool
+        Whether the file was closed properly, rather than cut off.
     received_ns : mapping of str to ndarray of int64
         Log times of the messages of each topic in the window, also of topics not decoded, in
         their order [ns].
@@ -52,29 +54,41 @@ class LogArrays:
         Its robot.
     roles : mapping of str to str
         Role of each topic, for a recording of ours, else {}.
-    complete : bool
-        Whether the file was closed properly, rather than cut off.
     simulated : bool
         Whether its log times are simulated time, of a recording of ours.
     head, end : mapping
         Metadata of a recording of ours: its texts, and the values of its end; {} for other logs.
     bag : Bag
         The files and the topics with their definitions.
+    read : mapping
+        The messages of each topic that was read, or why they cannot be read.
     """
 
-    path: Path
-    topics: Mapping[str, str]
-    received_ns: Mapping[str, NDArray[np.int64]] = field(repr=False)
-    settings: Mapping[str, Any] | None = field(repr=False)
-    robot: pfd.Robot | None = field(repr=False)
-    roles: Mapping[str, str] = field(repr=False)
-    complete: bool
-    simulated: bool
-    head: Mapping[str, str] = field(repr=False)
-    end: Mapping[str, Any] = field(repr=False)
     bag: Bag = field(repr=False)
-    _span_ns: tuple[float, float] = field(repr=False)
+    received_ns: Mapping[str, NDArray[np.int64]] = field(repr=False)
     read: Mapping[str, TopicArrays | LogError] = field(repr=False)
+    _span_ns: tuple[float, float] = field(repr=False)
+    settings: Mapping[str, Any] | None = field(default=None, repr=False)
+    robot: pfd.Robot | None = field(default=None, repr=False)
+    roles: Mapping[str, str] = field(default_factory=dict, repr=False)
+    simulated: bool = False
+    head: Mapping[str, str] = field(default_factory=dict, repr=False)
+    end: Mapping[str, Any] = field(default_factory=dict, repr=False)
+
+    @property
+    def path(self) -> Path:
+        """The file or folder."""
+        return self.bag.path
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """Type of each topic of the whole log."""
+        return {name: topic.type for name, topic in self.bag.topics.items()}
+
+    @property
+    def complete(self) -> bool:
+        """Whether the file was closed properly."""
+        return self.bag.complete
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.read)
@@ -210,7 +224,19 @@ def read_log(
     for about in bag.topics.values():
         topic_of(about)
     with damage_named(bag.path):
-        return _arrays(bag, found, span, unreadable)
+        ours = _recorded(bag)
+    read: dict[str, TopicArrays | LogError] = {}
+    for name, topic in found.items():
+        try:
+            counted = unreadable == COUNT or ours.get('roles', {}).get(name) in INPUTS
+            arrays = topic.arrays(simulated=ours.get('simulated', False), counted=counted)
+        except ValueError as error:
+            read[name] = LogError(f'{bag.path}, topic {cut(name)!r}: {error}')
+        else:
+            if arrays is not None:
+                read[name] = arrays
+    received = {name: topic.received_ns() for name, topic in found.items()}
+    return LogArrays(bag, received, read, span, **ours)
 
 
 def new_names(names: Iterable[str], rename: Mapping[str, str]) -> tuple[str, ...]:
@@ -242,44 +268,18 @@ def renamed(log: LogArrays, rename: Mapping[str, str]) -> LogArrays:
     return replace(log, read=read)
 
 
-def _arrays(
-    bag: Bag, found: Mapping[str, TopicReader], span: tuple[float, float], unreadable: str
-) -> LogArrays:
-    settings = robot = None
-    end = dict[str, Any]()
-    simulated = False
-    if _is_ours(bag):
-        settings = _table(bag, HeadKey.SETTINGS)
-        simulated = _table(bag, HeadKey.TIMES).get('log_time') == 'simulated'
-        end = {key: json.loads(text) for key, text in bag.end.items()}
-        robot = robot_of(bag.robot) if bag.robot else None  # cut off before it
-    read: dict[str, TopicArrays | LogError] = {}
-    received, roles = {}, roles_of(bag)
-    for name, topic in found.items():
-        try:
-            counted = unreadable == COUNT or roles.get(name) in INPUTS
-            arrays = topic.arrays(simulated=simulated, counted=counted)
-        except ValueError as error:
-            read[name] = LogError(f'{bag.path}, topic {cut(name)!r}: {error}')
-        else:
-            if arrays is not None:
-                read[name] = arrays
-        received[name] = np.sort(topic.log_ns)
-    return LogArrays(
-        bag.path,
-        {name: topic.type for name, topic in bag.topics.items()},
-        received,
-        settings,
-        robot,
-        roles,
-        bag.complete,
-        simulated,
-        bag.head if _is_ours(bag) else {},
-        end,
-        bag,
-        span,
-        read,
-    )
+def _recorded(bag: Bag) -> dict[str, Any]:
+    """Return what the head and the end of a recording of ours state; {} for other logs."""
+    if not _is_ours(bag):
+        return {}
+    return {
+        'settings': _table(bag, HeadKey.SETTINGS),
+        'robot': robot_of(bag.robot) if bag.robot else None,  # cut off before it
+        'roles': roles_of(bag),
+        'simulated': _table(bag, HeadKey.TIMES).get('log_time') == 'simulated',
+        'head': bag.head,
+        'end': {key: json.loads(text) for key, text in bag.end.items()},
+    }
 
 
 def _is_ours(bag: Bag) -> bool:

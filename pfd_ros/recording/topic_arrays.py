@@ -171,11 +171,15 @@ class TopicReader:
         self._places: list[NDArray[np.int64]] = []
         self._groups: list[NDArray[np.int16]] = []
         self._lists: dict[tuple[str, ...], int] = {}
+        self._received: NDArray[np.int64] | None = None
 
-    @property
-    def log_ns(self) -> NDArray[np.int64]:
-        """Log times of all messages in the order of the file, known after `arrays` [ns]."""
-        return np.frombuffer(self._times, np.int64)
+    def received_ns(self) -> NDArray[np.int64]:
+        """Return the log times of all messages in order, known after `arrays` [ns]."""
+        return (
+            np.sort(np.frombuffer(self._times, np.int64))
+            if self._received is None
+            else self._received
+        )
 
     def add(self, message: BagMessage) -> None:
         """Take a message of the window."""
@@ -201,12 +205,11 @@ class TopicReader:
                 self._groups.append(self._groups_of(piece.pop('name')))
         except OverflowError:
             self._error = ValueError('a time is beyond 2^63 ns')
-            return
         except ValueError as error:
             self._error, self._pieces = error, []
-            return
-        self._pieces.append(piece)
-        self._places.append(places + before)
+        else:
+            self._pieces.append(piece)
+            self._places.append(places + before)
 
     def _groups_of(self, names: NDArray[Any]) -> NDArray[np.int16]:
         """Return the number of each row of names in `_lists`."""
@@ -228,31 +231,37 @@ class TopicReader:
             raise self._error
         if not self._wanted:
             return None
-        places = np.concatenate(self._places)
-        total, log_ns = len(self._times), self.log_ns
+        places, total = np.concatenate(self._places), len(self._times)
         if len(places) < total and not counted:
             raise ValueError(
                 f'{total - len(places)} of {total} messages cannot be read as {self._topic.type}; '
                 "read_log(..., unreadable='count') leaves them out"
             )
+        log_ns = np.frombuffer(self._times, np.int64)
         names, found = self._joined()
+        groups = np.concatenate(self._groups) if self._groups else np.zeros(0, np.int16)
         # From the readable messages in the order of the file to those in the order of log times.
-        order = np.argsort(log_ns[places], kind='stable')
+        order: Any = np.argsort(log_ns[places], kind='stable')
         if (np.diff(order) < 0).any():
             found = {path: values[order] for path, values in found.items()}
-        groups = np.concatenate(self._groups)[order] if self._groups else np.zeros(0, np.int16)
-        places, cycle, simulated_ns = places[order], None, None
+            groups = groups[order] if len(groups) else groups
+            places = places[order]
+        cycle = simulated_ns = None
+        # Most often all messages, whose times then take no further memory.
+        chosen = slice(None) if len(places) == total and (np.diff(places) > 0).all() else places
         if self._ours:
             publish_ns, numbers = (
                 np.frombuffer(x, np.int64) for x in (self._publish_ns, self._numbers)
             )
             steps = np.diff(numbers, prepend=numbers[:1]) & SEQUENCE_MASK
-            cycle = (numbers[:1] + np.cumsum(steps))[places] if total else numbers
-            simulated_ns = (log_ns if simulated else publish_ns)[places]
+            cycle = (numbers[:1] + np.cumsum(steps))[chosen] if total else numbers
+            simulated_ns = (log_ns if simulated else publish_ns)[chosen]
+        if isinstance(chosen, slice):
+            self._received = log_ns
         return TopicArrays(
             found,
             self._topic.type,
-            log_ns[places],
+            log_ns[chosen],
             cycle,
             simulated_ns,
             total - len(places),

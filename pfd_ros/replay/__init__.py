@@ -22,7 +22,7 @@ Two logs, of simulated or real arms:
 Inputs of a recording, or of any bag, for an arm with something changed:
 
     changed_settings  KEY=VALUE -> settings and robot
-    inputs            inputs of a recording, moved to other cycles and joints; commands of any bag,
-                      by zero-order hold
+    inputs            inputs of a recording, moved to other cycles and joints; an arm run by inputs
+    bag_inputs        commands of any bag, by zero-order hold
     what_if           the new run, its recording, and the comparison
 """

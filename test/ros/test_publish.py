@@ -35,7 +35,6 @@ from logs import (
     STRING,
     Row,
     definition,
-    rosbag2,
     states,
     string,
     write_mcap,
@@ -43,7 +42,6 @@ from logs import (
 import pytest
 from recordings import busy
 from ros_processes import Peer, Process, Processes, call
-from sampling import one_fast
 
 pytestmark = pytest.mark.ros
 
@@ -75,21 +73,19 @@ def test_inputs_of_a_recording_are_withheld_under_every_name(tmp_path: Path) -> 
     assert only.published == '/x'
 
 
-@pytest.mark.parametrize('role', ['clock_ticks', 'bias_torques', 'joint_states', 'rejected', ''])
-def test_no_role_makes_joint_commands_harmless(role: str) -> None:
-    assert is_command(BagTopic('/joint_commands', JOINT_STATE, 'cdr', ''), role)
-
-
 def test_outputs_of_the_node_are_published_under_their_own_names_only() -> None:
-    outputs = {role: row for role, row in ARM_ROLES.items() if row.kind == 'output'}
-    for role, row in outputs.items():
-        assert not is_command(BagTopic(f'/sim_arm/{role}', row.type, 'cdr', ''), role), role
+    def command(name: str, kind: str, role: str) -> bool:
+        return is_command(BagTopic(name, kind, 'cdr', ''), role)
+
+    for role, row in ARM_ROLES.items():
+        assert row.kind != 'output' or not command(f'/sim_arm/{role}', row.type, role), role
+        assert command('/joint_commands', JOINT_STATE, role)
     for name, kind in (
         ('/effort_controller/effort', JOINT_STATE),
         ('/torques/bias_torques', JOINT_STATE),
         ('/sim_arm/bias_torques', FLOATS),
     ):
-        assert is_command(BagTopic(name, kind, 'cdr', ''), 'bias_torques')
+        assert command(name, kind, 'bias_torques')
 
 
 @pytest.mark.parametrize(
@@ -129,47 +125,39 @@ def test_every_topic_that_the_node_takes_as_an_input_is_a_command() -> None:
     assert taken - INPUT_NAMES == {'clock'}
 
 
+UNPUBLISHED = {
+    '/json': (STRING, 'json', 'string data', "its messages are encoded as 'json', not 'cdr'"),
+    '/module': ('antigravity/msg/Fly', 'cdr', '', 'type antigravity/msg/Fly is not installed'),
+    '/other': (JOINT_STATE, 'cdr', 'float64[] position', 'has other fields than the installed'),
+    '/nested': (
+        JOINT_STATE,
+        'cdr',
+        definition(JOINT_STATE).replace('uint32 nanosec', 'uint64 nanosec'),
+        'has other fields than the installed one',
+    ),
+    '/path': ('../../etc/msg/Passwd', 'cdr', '', "'../../etc/msg/Passwd' is not a message type"),
+    '/service': ('std_srvs/srv/SetBool_Event', 'cdr', '', 'is not a message type'),
+    '/unknown': (
+        'nobody_msgs/msg/Thing',
+        'cdr',
+        '',
+        'type nobody_msgs/msg/Thing is not installed',
+    ),
+    '/wrong': (STRING, 'cdr', 'string', f'its definition of {STRING} cannot be read: '),
+}
+
+
 def test_topics_that_cannot_be_published_are_named_and_the_others_are(tmp_path: Path) -> None:
-    rows = {
-        '/good': (STRING, 'cdr', 'string data'),
-        '/json': (STRING, 'json', 'string data'),
-        '/module': ('antigravity/msg/Fly', 'cdr', 'int32 a'),
-        '/other': (JOINT_STATE, 'cdr', 'float64[] position'),
-        '/path': ('../../etc/msg/Passwd', 'cdr', 'int32 a'),
-        '/service': ('std_srvs/srv/SetBool_Event', 'cdr', 'int32 a'),
-        '/undefined': (STRING + 'x', 'cdr', '?'),
-        '/unknown': ('nobody_msgs/msg/Thing', 'cdr', 'int32 a'),
-        '/without': (STRING, 'cdr', ''),
-        '/wrong': (STRING, 'cdr', 'string'),
-    }
     bag = Bag(tmp_path)
-    bag.topics |= {name: BagTopic(name, *row) for name, row in rows.items()}
+    bag.topics |= {name: BagTopic(name, *row[:3]) for name, row in UNPUBLISHED.items()}
+    bag.topics['/good'] = BagTopic('/good', JOINT_STATE, 'cdr', definition(JOINT_STATE))
+    bag.topics['/without'] = BagTopic('/without', STRING, 'cdr', '')
     found, notes = choose_topics(bag, {})
     assert list(found) == ['/good', '/without']
     lines = {note.split(': ')[1]: note for note in notes}
-    for name, line in {
-        '/json': "its messages are encoded as 'json', not 'cdr'",
-        '/module': 'type antigravity/msg/Fly is not installed',
-        '/other': f'its type {JOINT_STATE} has other fields than the installed one',
-        '/path': "'../../etc/msg/Passwd' is not a message type",
-        '/service': "'std_srvs/srv/SetBool_Event' is not a message type",
-        '/undefined': f'type {STRING}x is not installed',
-        '/unknown': 'type nobody_msgs/msg/Thing is not installed',
-        '/wrong': f'its definition of {STRING} cannot be read: ',
-    }.items():
+    assert lines.keys() == UNPUBLISHED.keys()
+    for name, (*_, line) in UNPUBLISHED.items():
         assert line in lines[name]
-
-
-def test_a_nested_type_with_other_fields_is_not_published(tmp_path: Path) -> None:
-    text = definition(JOINT_STATE)
-    bag = Bag(tmp_path)
-    bag.topics['/good'] = BagTopic('/good', JOINT_STATE, 'cdr', text)
-    bag.topics['/bad'] = BagTopic(
-        '/bad', JOINT_STATE, 'cdr', text.replace('uint32 nanosec', 'uint64 nanosec')
-    )
-    found, notes = choose_topics(bag, {})
-    assert list(found) == ['/good']
-    assert 'has other fields than the installed one' in notes[0]
 
 
 @pytest.mark.parametrize(
@@ -333,7 +321,7 @@ def write_words(path: Path, count: int, apart: float = 1.0, maps: Sequence[int] 
 def test_each_message_of_a_recording_comes_bit_for_bit_and_no_command(
     processes: Processes, peer_of: PeerOf, tmp_path: Path
 ) -> None:
-    run = busy(tmp_path / 'a.mcap', cycles=200, recording_time='simulated')
+    run = busy(tmp_path / 'a.mcap', cycles=100, recording_time='simulated')
     sent: dict[str, list[bytes]] = {role: [] for role in run.topics}
     for message in run.messages:
         # DDS pads every message to a multiple of 4 bytes.
@@ -353,44 +341,36 @@ def test_each_message_of_a_recording_comes_bit_for_bit_and_no_command(
     assert f'published {count} messages' in player.text()
 
 
-def test_a_message_long_before_the_others_is_not_waited_for(
+def test_messages_out_of_order_come_in_order_up_to_a_cut_and_an_early_one_is_not_waited_for(
     processes: Processes, peer_of: PeerOf, tmp_path: Path
 ) -> None:
-    rows = [Row(MAP, 1000.0, map_(1)), *states(20, epoch=6000.0)]
-    path = write_mcap(tmp_path / 'a.mcap', rows, {MAP: STRING}, {MAP: LATCHED})
+    rows = states(1000, period=1e-3, epoch=6000.0)
+    # No reader is too slow for a publisher that keeps all of them.
+    qos = {STATES: qos_text(Qos(depth=10_000)), MAP: LATCHED}
+    file = [Row(MAP, 1000.0, map_(1)), *rows[500:], *rows[:500]]
+    path = write_mcap(tmp_path / 'a.mcap', file, {MAP: STRING}, qos, chunk_size=1000)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 3 // 5])
     peer = peer_of(processes)
-    latched, plain = (
-        Listener(peer, (MAP, STRING), latched=True),
-        Listener(peer, (STATES, JOINT_STATE)),
-    )
+    latched = Listener(peer, (MAP, STRING), latched=True)
+    plain = Listener(peer, (STATES, JOINT_STATE))
     player = start(processes, path, '--start-paused')
     begin(player, plain)
-    assert 'a.mcap: 0.190 s, 21 messages of 2 topics' in player.text()
+    assert re.search(r'a\.mcap: 0\.999 s, \d+ messages of 2 topics', player.text())
+    assert 'the log was cut off' in player.text()
     latched.wait_for(MAP, 1)
     paused(peer, False)
     assert plain.end_of(player) == 0
-    assert plain.on(STATES) == [row.data for row in rows[1:]]
-
-
-def test_messages_out_of_order_are_published_in_the_order_of_their_log_times(
-    processes: Processes, peer_of: PeerOf, tmp_path: Path
-) -> None:
-    rows = states(6000, period=1e-4)
-    # No reader is too slow for a publisher that keeps all of them.
-    qos = {STATES: qos_text(Qos(depth=10_000))}
-    path = write_mcap(tmp_path / 'a.mcap', [*rows[5000:], *rows[:5000]], qos=qos)
-    peer = peer_of(processes)
-    listener = Listener(peer, (STATES, JOINT_STATE))
-    player = start(processes, path, '--start-paused', '--rate', '0.5')
-    begin(player, listener)
-    paused(peer, False)
-    assert listener.end_of(player) == 0
-    assert listener.on(STATES) == [row.data for row in rows]
+    count = len(plain.on(STATES))
+    assert 500 < count < 1000
+    assert plain.on(STATES) == [row.data for row in (*rows[: count - 500], *rows[500:])]
 
 
 def test_a_paused_log_steps_seeks_and_resumes(
     processes: Processes, peer_of: PeerOf, tmp_path: Path
 ) -> None:
+    from rcl_interfaces.msg import Parameter, ParameterValue
+    from rcl_interfaces.srv import SetParameters
+
     peer = peer_of(processes)
     listener, plain = Listener(peer, (MAP, STRING), latched=True), Listener(peer, (WORDS, STRING))
     log = write_words(tmp_path / 'words.mcap', 6)
@@ -413,36 +393,33 @@ def test_a_paused_log_steps_seeks_and_resumes(
         assert 'outside of the log, expected 0 to 5 s' in set_parameter(peer, 'seek_to', outside)
     for wrong in ('soon', True, float('nan')):
         assert 'expected a finite number' in set_parameter(peer, 'seek_to', wrong)
+    # A request that rclpy cannot answer does not end the player.
+    client = peer.node.create_client(SetParameters, '/log_player/set_parameters')
+    unknown = Parameter(name='rate', value=ParameterValue(type=200))
+    client.call_async(SetParameters.Request(parameters=[unknown]))
+    player.wait_for_text('ROS: a request failed: ')
+    peer.node.destroy_client(client)
+    assert set_parameter(peer, 'seek_to', 5) == ''
+    assert step(peer) == (True, '/words at 5.000 s')
+    assert step(peer) == (False, 'refused: end of the log reached')
     assert set_parameter(peer, 'seek_to', 4) == ''
     assert 'rate is 0, expected' in set_parameter(peer, 'rate', 0)
-    assert set_parameter(peer, 'rate', 100.0) == ''
     assert paused(peer, False).startswith('resumed at 4.')
-    assert listener.end_of(player) == 0
-    assert plain.on(WORDS) == [word(k) for k in (2, 1, 4, 5)]
-
-
-def test_a_step_is_refused_while_it_plays_and_behind_the_last_message(
-    processes: Processes, peer_of: PeerOf, tmp_path: Path
-) -> None:
-    peer = peer_of(processes)
-    player = start(processes, write_words(tmp_path / 'a.mcap', 2, apart=200.0, maps=()))
-    player.wait_for_text('begin at')
     assert step(peer) == (False, 'refused: player is not paused: call ~/pause first')
-    assert paused(peer, True).startswith('paused at')
-    assert step(peer) == (True, '/words at 200.000 s')
-    assert step(peer) == (False, 'refused: end of the log reached')
-    paused(peer, False)
-    assert player.process.wait(60) == 0
+    assert set_parameter(peer, 'rate', 100.0) == ''
+    assert listener.end_of(player) == 0
+    assert plain.on(WORDS) == [word(k) for k in (2, 1, 5, 4, 5)]
 
 
-def test_an_offset_a_duration_and_a_rate_choose_what_comes_and_how_fast(
+def test_an_offset_a_duration_and_a_rate_choose_what_comes_and_a_clock_ticks_through_it(
     processes: Processes, peer_of: PeerOf, tmp_path: Path
 ) -> None:
     peer = peer_of(processes)
-    listener = Listener(peer, (WORDS, STRING))
+    listener = Listener(peer, (CLOCK, 'rosgraph_msgs/msg/Clock'), (WORDS, STRING))
     log = write_words(tmp_path / 'words.mcap', 20, apart=0.1)
     options = '--start-offset', '0.5', '--duration', '0.8', '--rate', '0.5', '--start-paused'
-    player = start(processes, log, *options)
+    # Ticks that are due together are one: far more than are counted below.
+    player = start(processes, log, '--clock', '1000', *options)
     begin(player, listener)
     begun = time.monotonic()
     paused(peer, False)
@@ -451,25 +428,10 @@ def test_an_offset_a_duration_and_a_rate_choose_what_comes_and_how_fast(
     # Never faster than asked; how late a message is depends on the machine.
     assert time.monotonic() - begun >= 0.8 / 0.5
     assert re.search(r'messages were more than 10 ms late, at most \d+\.\d ms', player.text())
-
-
-def test_a_clock_ticks_through_the_log_and_never_back(
-    processes: Processes, peer_of: PeerOf, tmp_path: Path
-) -> None:
-    peer = peer_of(processes)
-    listener = Listener(peer, (CLOCK, 'rosgraph_msgs/msg/Clock'), (WORDS, STRING))
-    log = write_words(tmp_path / 'words.mcap', 11, apart=0.1)
-    # Ticks that are due together are one: far more than are counted below.
-    player = start(processes, log, '--clock', '1000', '--start-paused')
-    begin(player, listener)
-    paused(peer, False)
-    assert listener.end_of(player) == 0
     ticks = [decode_clock(data) for data in listener.on(CLOCK)]
     assert ticks == sorted(ticks)
     assert len(set(ticks)) > 50
-    assert ticks[0] == 10**9
-    assert ticks[-1] <= 2 * 10**9 + 1
-    assert len(listener.on(WORDS)) == 11
+    assert (ticks[0], ticks[-1] <= 2_300_000_001) == (1_500_000_000, True)
 
 
 def test_a_loop_says_that_time_goes_back_and_a_signal_ends_it_with_status_0(
@@ -488,8 +450,9 @@ def test_a_loop_says_that_time_goes_back_and_a_signal_ends_it_with_status_0(
     assert player.end(signal.SIGTERM) == 0
 
 
-@pytest.mark.parametrize('number', one_fast([signal.SIGINT, signal.SIGTERM]))
-@pytest.mark.parametrize('options', [(), ('--start-paused',)])
+@pytest.mark.parametrize(
+    ('number', 'options'), [(signal.SIGINT, ()), (signal.SIGTERM, ('--start-paused',))]
+)
 def test_a_signal_before_the_end_has_the_status_of_a_shell(
     processes: Processes, tmp_path: Path, number: signal.Signals, options: tuple[str, ...]
 ) -> None:
@@ -500,54 +463,14 @@ def test_a_signal_before_the_end_has_the_status_of_a_shell(
     assert 'Traceback' not in player.text()
 
 
-@pytest.mark.parametrize('error', one_fast([NotImplementedError, RecursionError, OverflowError]))
 def test_an_error_of_the_player_itself_is_a_traceback_and_not_called_ros(
-    processes: Processes, tmp_path: Path, error: type[Exception]
+    processes: Processes, tmp_path: Path
 ) -> None:
     log = write_words(tmp_path / 'words.mcap', 2)
-    player = start(processes, log, PlayerSchedule_next_ns=partial(failing, error))
+    player = start(processes, log, PlayerSchedule_next_ns=partial(failing, RecursionError))
     assert player.process.wait(60) == 1
-    assert f'{error.__name__}: a bug' in player.text()
+    assert 'RecursionError: a bug' in player.text()
     assert 'ROS:' not in player.text()
-
-
-def test_a_request_that_rclpy_cannot_answer_does_not_end_the_player(
-    processes: Processes, peer_of: PeerOf, tmp_path: Path
-) -> None:
-    from rcl_interfaces.msg import Parameter, ParameterValue
-    from rcl_interfaces.srv import SetParameters
-
-    peer = peer_of(processes)
-    log = write_words(tmp_path / 'words.mcap', 200)
-    player = start(processes, log)
-    player.wait_for_text('begin at')
-    client = peer.node.create_client(SetParameters, '/log_player/set_parameters')
-    peer.wait(client.service_is_ready)
-    unknown = Parameter(name='rate', value=ParameterValue(type=200))
-    client.call_async(SetParameters.Request(parameters=[unknown]))
-    player.wait_for_text('ROS: a request failed: ')
-    assert set_parameter(peer, 'rate', 2.0) == ''
-    peer.node.destroy_client(client)
-    assert player.end(signal.SIGINT) == 128 + signal.SIGINT
-
-
-def test_a_log_that_was_cut_off_is_published_up_to_the_cut(
-    processes: Processes, peer_of: PeerOf, tmp_path: Path
-) -> None:
-    rows = states(200, period=0.002)
-    whole = write_mcap(tmp_path / 'whole.mcap', rows, chunk_size=1000)
-    path = tmp_path / 'cut.mcap'
-    path.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
-    peer = peer_of(processes)
-    listener = Listener(peer, (STATES, JOINT_STATE))
-    player = start(processes, path, '--start-paused')
-    begin(player, listener)
-    paused(peer, False)
-    assert listener.end_of(player) == 0
-    assert 'the log was cut off' in player.text()
-    came = listener.on(STATES)
-    assert 0 < len(came) < 200
-    assert came == [row.data for row in rows[: len(came)]]
 
 
 @pytest.mark.parametrize(
@@ -580,17 +503,3 @@ def test_a_log_that_cannot_be_published_is_one_line_and_status_1(
     (error,) = capfd.readouterr().err.splitlines()
     assert error.startswith('pfd replay: ')
     assert line in error
-
-
-@pytest.mark.parametrize('name', ['panda_exciting_trajectory', 'ur10_exciting_trajectory'])
-def test_a_log_of_a_real_arm_comes_bit_for_bit(
-    processes: Processes, peer_of: PeerOf, real_arms: Path, name: str
-) -> None:
-    peer = peer_of(processes)
-    listener = Listener(peer, (STATES, JOINT_STATE))
-    player = start(processes, real_arms / name, '--rate', '10', '--start-paused')
-    begin(player, listener)
-    paused(peer, False)
-    assert listener.end_of(player) == 0, player.text()
-    with rosbag2.Reader(real_arms / name) as reader:
-        assert listener.on(STATES) == [bytes(data) for _, _, data in reader.messages()]

@@ -9,7 +9,6 @@ the published time, efforts and, bit for bit, the motion.
 
 from __future__ import annotations
 
-from copy import deepcopy
 from dataclasses import dataclass, field
 import pickle
 import random
@@ -23,7 +22,6 @@ from arm_messages import (
     UNLIMITED,
     change,
     efforts,
-    failed,
     made,
     named,
     payload,
@@ -370,76 +368,30 @@ def test_the_messages_of_a_run_prove_it(whole) -> None:
     assert replayed(late, made(**RICH)) != late
 
 
-@pytest.mark.parametrize('start', range(PIECES))
-def test_a_fresh_arm_continues_a_saved_run_with_the_same_bits(whole, start: int) -> None:
+def test_a_fresh_arm_continues_a_saved_run_with_the_same_bits(whole) -> None:
     found, saved = whole
-    engine = made(**RICH)
-    engine.restore(pickle.loads(saved[start]))
-    assert pickle.dumps(engine.save()) == pickle.dumps(pickle.loads(saved[start]))
-    # On to the end by induction: the other starts have the states after this one.
-    for k in range(start, min(start + 2, PIECES)):
+    # Recording, pace and start may be others.
+    engine = made(**RICH, start_time=5.0, real_time_factor=0.5, recording='a.mcap')
+    for k in (8, 0, 3, 5):
+        state = pickle.loads(saved[k])
+        engine.restore(state)
+        assert pickle.dumps(engine.save()) == pickle.dumps(state)
         assert run(engine) == found[k]
+        # The saved state stays as it is while the arm runs.
+        assert pickle.dumps(state) == pickle.dumps(pickle.loads(saved[k]))
 
 
-def test_a_saved_state_stays_as_it_is_while_the_arm_runs(whole) -> None:
-    engine = made(**RICH)
-    run(engine, 20)
-    saved = engine.save()
-    before = pickle.dumps(saved)
-    after = run(engine, 20)
-    assert pickle.dumps(saved) == before
-    for twin in (saved, deepcopy(saved)):
-        engine.restore(twin)
-        assert run(engine, 20) == after
-        assert pickle.dumps(saved) == before
-
-
-@pytest.mark.parametrize(
-    ('other', 'reason'),
-    [
-        ({'robot': 'ur5'}, "robot='ur5', expected 'planar2'"),
-        ({'seed': 8}, 'seed=8, expected 0'),
-        ({'step_size': 0.002}, r'step_size=0\.002, expected 0\.001'),
-        ({'payload_mass': 0.123}, r'payload_mass=0\.123, expected 0\.0'),
-    ],
-)
-def test_a_state_of_another_arm_is_refused(other: dict[str, Any], reason: str) -> None:
+def test_a_state_of_another_arm_is_refused() -> None:
     engine = made()
     before = engine.state
-    with pytest.raises(ValueError, match=reason):
-        engine.restore(made(**other).save())
+    for other, reason in (
+        ({'robot': 'puma560'}, "robot='puma560', expected 'planar2'"),
+        ({'seed': 8}, 'seed=8, expected 0'),
+        ({'payload_mass': 0.123}, r'payload_mass=0\.123, expected 0\.0'),
+    ):
+        with pytest.raises(ValueError, match=reason):
+            engine.restore(made(**other).save())
     assert engine.state is before
-
-
-@pytest.mark.parametrize('kind', ['start_time', 'real_time_factor', 'recording'])
-def test_a_state_goes_into_an_arm_with_another_recording_pace_or_start(kind: str) -> None:
-    other = {'start_time': 5.0, 'real_time_factor': 0.5, 'recording': 'a.mcap'}[kind]
-    engine, fresh = made(), made(**{kind: other})
-    engine.step([efforts(1.0, 0.5)])
-    fresh.restore(engine.save())
-    assert fresh.step() == engine.step()
-
-
-def test_an_arm_that_failed_is_restored_as_it_was() -> None:
-    engine, fresh = failed(), made(**UNLIMITED)
-    fresh.restore(engine.save())
-    assert fresh.state.failure
-    events = [request('reset'), efforts(1.0, 0.5)]
-    assert fresh.step(events) == engine.step(events)
-    assert fresh.step() == engine.step()
-    assert not fresh.state.failure
-
-
-def test_an_arm_that_encodes_continues_one_that_does_not() -> None:
-    engine = made(**RICH)
-    silent = Engine(engine.state.first, engine.robot, roles=())
-    for cycle in range(1, 41):
-        messages, _ = silent.step(inputs(cycle))
-        assert messages == []
-    run(engine, 40)
-    fresh = Engine(engine.state.first, engine.robot)
-    fresh.restore(silent.save())
-    assert run(fresh, 40) == run(engine, 40)
 
 
 NUMBERS = (0.0, -0.0, 1.0, -3.0, 0.4, 50.0, 1e6, -1e300, NAN, INF)

@@ -200,11 +200,12 @@ def _space_time(rows: Sequence[Row], folder: Path) -> Path:
     """Draw what each cell of both designs works on in each cycle."""
     wide, high, left = 34, 22, 60
     cells = [(k, i) for k in range(1, FIGURE + 1) for i in range(1, k + 1)]
+    ends = {name: max(x['cycle'] for x in rows if x['run'] == name) for name in (PRINTED, 'solve')}
+    roots = [x['cycle'] for x in rows if x['run'] == 'solve' and x['action'] == ROOT]
     titles = {
-        PRINTED: f'As printed: {3 * FIGURE - 1} cycles, a wrong matrix',
-        'solve': f'Corrected: L in {3 * FIGURE - 2} cycles, z and x in {5 * FIGURE - 2}',
+        PRINTED: f'As printed: {ends[PRINTED]} cycles, a wrong matrix',
+        'solve': f'Corrected: L in {max(roots)} cycles, z and x in {ends["solve"]}',
     }
-    last = max(x['cycle'] for x in rows)
     block = len(cells) * high + 74
     drawing = Drawing(
         left + last * wide + 20, len(titles) * block + 40, 'The array, cell by cycle'
@@ -220,7 +221,7 @@ def _space_time(rows: Sequence[Row], folder: Path) -> Path:
             drawing.box(x0, y0, wide - 2, high - 2, COLORS[x['action']])
             ink = PAPER if x['action'] == ROOT else BLACK
             drawing.text(x0 + wide / 2 - 1, y0 + 15, x['label'], 11, fill=ink)
-        for cycle in range(1, max(x['cycle'] for x in rows if x['run'] == name) + 1):
+        for cycle in range(1, ends[name] + 1):
             drawing.text(left + (cycle - 0.5) * wide - 1, top - 6, cycle, 10, fill=FAINT)
     y = len(titles) * block + 22
     for k, (action, color) in enumerate(COLORS.items()):

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import gzip
-from itertools import product
 from pathlib import Path
 import struct
 from typing import Any
@@ -107,7 +106,17 @@ def test_what_the_format_allows_is_read(tmp_path: Path, name: str) -> None:
 
 @pytest.mark.parametrize(
     ('compression', 'chunked', 'indexed', 'crcs'),
-    list(product(CompressionType, (True, False), (True, False), (True, False))),
+    [
+        *zip(
+            CompressionType,
+            (True, True, False),
+            (True, False, True),
+            (False, True, True),
+            strict=False,
+        ),
+        (CompressionType.NONE, False, False, False),
+        (CompressionType.ZSTD, True, True, True),
+    ],
 )
 def test_files_of_the_package_mcap_are_read_as_it_reads_them(
     tmp_path: Path, compression: CompressionType, chunked: bool, indexed: bool, crcs: bool
@@ -167,29 +176,26 @@ def frames(data: bytes) -> list[tuple[int, int, int]]:
     return found
 
 
-def test_a_flipped_bit_anywhere_alters_no_message_and_of_the_data_none_is_missed(
+def test_a_flipped_bit_alters_no_message_and_is_damage_unless_it_is_in_an_index(
     tmp_path: Path,
 ) -> None:
     whole = write_mcap(tmp_path / 'w.mcap', states(6), chunk_size=700, enable_data_crcs=True)
     data, wanted = whole.read_bytes(), messages(whole)
-    (data_end,) = (begin for kind, begin, _ in frames(data) if kind == 15)
-    outcomes = {
-        k: flip_outcome(tmp_path / 'a.mcap', data, k, k % 8) for k in range(0, len(data), 3)
-    }
-    assert all(isinstance(found, LogError) or found == wanted for found in outcomes.values())
-    # Before the record with their checksum.
-    noticed = [isinstance(found, LogError) for k, found in outcomes.items() if k < data_end - 9]
-    assert noticed
-    assert all(noticed)
-
-
-def test_a_flipped_bit_in_an_index_that_nobody_reads_is_no_damage(tmp_path: Path) -> None:
-    whole = write_mcap(tmp_path / 'w.mcap', states(6), chunk_size=700)
-    data, wanted = whole.read_bytes(), messages(whole)
+    parts = frames(data)
+    (data_end,) = (begin for kind, begin, _ in parts if kind == 15)
+    for k in range(0, data_end - 9, 3):
+        # The record after them has their checksum.
+        assert isinstance(flip_outcome(tmp_path / 'a.mcap', data, k, k % 8), LogError)
+    for k in range(data_end - 9, len(data), 3):
+        found = flip_outcome(tmp_path / 'a.mcap', data, k, k % 8)
+        assert isinstance(found, LogError) or found == wanted
+    # Nobody reads an index; without a checksum of all data.
+    whole = write_mcap(tmp_path / 'v.mcap', states(6), chunk_size=700)
+    data = whole.read_bytes()
     index = [part for part in frames(data) if part[0] in (7, 8, 10, 11, 13, 14)]
-    assert {kind for kind, _, _ in index} >= {7, 8, 11, 14}
+    assert {kind for kind, *_ in index} >= {7, 8, 11, 14}
     for _, begin, end in index:
-        for place in range(begin, end):
+        for place in range(begin, end, 3):
             assert flip_outcome(tmp_path / 'a.mcap', data, place, place % 8) == wanted
 
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import random
 import struct
 
-from bridge import MCAP_MAGIC, LogError, mcap_records, recover_log, verify_log
+from bridge import MCAP_MAGIC, LogError, recover_log, verify_log
 from mcap.reader import make_reader
-from mcap.records import ChunkIndex, Message
+from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, IndexType, Writer
 import pytest
 from recordings import busy, largest_file, rewritten
@@ -64,7 +64,7 @@ def test_of_a_whole_file_nothing_is_lost(source: Path, tmp_path: Path) -> None:
 def test_a_cut_costs_the_chunk_that_it_is_in(source: Path, tmp_path: Path) -> None:
     data, every = source.read_bytes(), messages(source)
     some = 0
-    for at in random.Random(3).sample(range(len(MCAP_MAGIC), len(data)), 60):
+    for at in random.Random(3).sample(range(len(MCAP_MAGIC), len(data)), 40):
         kept, lost = recovered(data[:at], tmp_path)
         before = [c for c in chunks(source) if c.chunk_start_offset + c.chunk_length <= at]
         assert len(lost) == 1
@@ -76,20 +76,23 @@ def test_a_cut_costs_the_chunk_that_it_is_in(source: Path, tmp_path: Path) -> No
             assert verified.compared.total() == len(kept)
             # A file that lacks nothing but its index is whole again.
             assert verify_log(tmp_path / 'whole.mcap')[:2] == verified[:2]
-    assert some > 20
+    assert some > 10
 
 
 def test_a_damaged_chunk_costs_that_chunk_alone(source: Path, tmp_path: Path) -> None:
     data, every = source.read_bytes(), messages(source)
     sizes = []
     for chunk in chunks(source):
-        damaged = bytearray(data)
-        damaged[chunk.chunk_start_offset + chunk.chunk_length - 5] ^= 8
+        damaged, begin = bytearray(data), chunk.chunk_start_offset
+        damaged[begin + chunk.chunk_length - 5] ^= 8
         kept, lost = recovered(bytes(damaged), tmp_path)
         assert len(lost) == 1
         # With the topics of the first chunk, from the index.
         assert set(kept) < set(every)
         sizes.append(len(every) - len(kept))
+        # Its size when unpacked comes after two times.
+        bomb = data[: begin + 25] + struct.pack('<Q', 1 << 40) + data[begin + 33 :]
+        assert recovered(bomb, tmp_path)[0] == kept
     assert sum(sizes) == len(every)
 
 
@@ -177,7 +180,7 @@ def test_logs_of_others_are_copied(
 
 def test_any_damage_leaves_a_readable_file(source: Path, tmp_path: Path) -> None:
     data, every, rng = source.read_bytes(), set(messages(source)), random.Random(5)
-    for _ in range(150):
+    for _ in range(60):
         damaged = bytearray(data)
         for _ in range(rng.choice([1, 1, 3])):
             at, many = rng.randrange(8, len(data)), rng.choice([1, 1, 8, 500])
@@ -203,14 +206,3 @@ def test_what_cannot_be_recovered_leaves_no_file(source: Path, tmp_path: Path) -
     with pytest.raises(FileExistsError):
         recover_log(source, target)
     assert target.read_bytes() == b'mine'
-
-
-def test_a_chunk_that_unpacks_to_too_much_is_lost_alone(source: Path, tmp_path: Path) -> None:
-    data, chunk = source.read_bytes(), chunks(source)[3]
-    # Its size when unpacked comes after two times.
-    at = chunk.chunk_start_offset + 9 + 16
-    damaged = data[:at] + struct.pack('<Q', 1 << 40) + data[at + 8 :]
-    kept, lost = recovered(damaged, tmp_path)
-    assert len(lost) == 1
-    count = sum(isinstance(record, Message) for record in mcap_records(source))
-    assert 0 < count - len(kept) < 30

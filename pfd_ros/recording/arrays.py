@@ -39,12 +39,6 @@ class LogArrays:
 
     Attributes
     ----------
-    path : Path
-        The file or folder.
-    topics : mapping of str to str
-        Type of each topic of the whole log.
-    complete : bool
-        Whether the file was closed properly, rather than cut off.
     received_ns : mapping of str to ndarray of int64
         Log times of the messages of each topic in the window, also of topics not decoded, in
         their order [ns].
@@ -87,7 +81,7 @@ class LogArrays:
 
     @property
     def complete(self) -> bool:
-        """Whether the file was closed properly."""
+        """Whether the file was closed properly, rather than cut off."""
         return self.bag.complete
 
     def __iter__(self) -> Iterator[str]:
@@ -102,12 +96,8 @@ class LogArrays:
     def __getitem__(self, topic: str) -> TopicArrays:
         """Return the messages of a topic.
 
-        Raises
-        ------
-        KeyError
-            If the topic was not read.
-        LogError
-            If its type is unknown, or a message cannot be decoded and none was to be counted.
+        KeyError if it was not read; LogError if its type is unknown, or a message cannot be
+        decoded and none was to be counted.
         """
         if topic not in self.read:
             raise KeyError(f'no topic {topic!r}; topics are {listed(list(self.read))}')
@@ -131,11 +121,6 @@ class LogArrays:
         """Return a pandas.DataFrame of a topic: a row a message, indexed by `time` [s].
 
         Columns are paths of fields; `position.shoulder` for a joint, `data.0` for an element.
-
-        Raises
-        ------
-        ImportError
-            If pandas is not installed.
         """
         import pandas  # an optional package
 
@@ -250,12 +235,9 @@ def new_names(names: Iterable[str], rename: Mapping[str, str]) -> tuple[str, ...
 
 
 def renamed(log: LogArrays, rename: Mapping[str, str]) -> LogArrays:
-    """Return a log whose joints have other names: each beginning OLD of a name becomes NEW.
+    """Return a log in which each beginning OLD of a joint's name is NEW.
 
-    Raises
-    ------
-    ValueError
-        If two joints of a topic get one name.
+    ValueError if two joints of a topic get one name.
     """
     read = dict(log.read)
     for topic, found in log.read.items():

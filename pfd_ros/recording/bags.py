@@ -65,20 +65,11 @@ class BagMessage(NamedTuple):
 
 @dataclass
 class Bag:
-    """A log, read from front to back; all but the path is known while its messages are read.
+    """A file, or a folder of rosbag2 with metadata.yaml or without, read from front to back.
 
-    Attributes
-    ----------
-    path
-        A file, or a folder of rosbag2, with metadata.yaml or without.
-    expansion
-        As in `mcap_records.records`.
-    topics
-        By name.
-    head, end, robot
-        Metadata HEAD and END and attachment ROBOT of a recording of the node, else empty.
-    complete
-        Whether each file was closed properly; known after the last message.
+    The rest is known while its messages are read: the topics by name, metadata HEAD and END and
+    the attachment ROBOT of a recording of the node, and, after the last message, whether each file
+    was closed properly. `expansion` is as in `mcap_records.records`.
     """
 
     path: Path

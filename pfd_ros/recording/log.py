@@ -35,34 +35,13 @@ ROBOT_BYTES = 1 << 20
 class Log:
     """The head of a recording, and its messages.
 
-    Parameters
-    ----------
-    path
-        The file.
+    `settings` are those at the start of the run, `topics` has the topic of each recorded role and
+    `description` the URDF of the arm, '' without one. Once `messages` has ended, `end` has the
+    values of the record END, {} in a file that was cut off, and `complete` says whether the file
+    was closed after a run.
 
-    Attributes
-    ----------
-    settings
-        At the start of the run.
-    robot
-        The robot.
-    head
-        The texts of the record HEAD, see HeadKey.
-    topics
-        Topic of each recorded role.
-    description
-        The URDF of the arm, '' without one; it comes before all that is simulated.
-    end
-        The values of the record END, see EndKey; {} in a file that was cut off.
-    complete
-        Whether the file was closed after a run; known, as `end`, once `messages` has ended.
-
-    Raises
-    ------
-    LogError
-        If the file is no recording of this edition, or is damaged.
-    OSError
-        If it cannot be read.
+    LogError if the file is no recording of this edition, or is damaged; OSError if it cannot be
+    read.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -77,11 +56,10 @@ class Log:
         if not bag.robot:
             raise LogError(f'{path} is a recording without its robot: it ends in its head')
         with damage_named(self.path):
-            self.head = bag.head
-            self.settings = Settings.from_json(self.head[HeadKey.SETTINGS])
-            self.topics: dict[str, str] = json.loads(self.head[HeadKey.TOPICS])
+            self.settings = Settings.from_json(bag.head[HeadKey.SETTINGS])
+            self.topics: dict[str, str] = json.loads(bag.head[HeadKey.TOPICS])
             self._roles = {topic: role for role, topic in self.topics.items() if role in ROLES}
-            self.versions: dict[str, str] = json.loads(self.head[HeadKey.VERSIONS])
+            self.versions: dict[str, str] = json.loads(bag.head[HeadKey.VERSIONS])
             self.robot = robot_of(bag.robot)
             self.description = ''
             for message in takewhile(lambda message: message.role in ASIDES, self.messages()):

@@ -67,20 +67,10 @@ def records(path: Path | str, *, expansion: float = EXPANSION) -> Iterator[McapR
     """Yield header, schemas, channels, messages, attachments, metadata, data end and footer.
 
     The footer comes last and only of a complete file: a file that was cut off just ends.
+    `expansion` is the largest size of all chunks, unpacked, as a multiple of the size of the file.
 
-    Parameters
-    ----------
-    path
-        The file.
-    expansion
-        Largest size of all chunks, unpacked, as a multiple of the size of the file.
-
-    Raises
-    ------
-    LogError
-        If the file is not MCAP, damaged before its end, or exceeds a bound.
-    OSError
-        If it cannot be read.
+    LogError if the file is not MCAP, damaged before its end, or exceeds a bound; OSError if it
+    cannot be read.
     """
     with opened(path) as stream:
         begin = stream.read(64)

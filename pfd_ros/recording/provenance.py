@@ -64,16 +64,9 @@ def robot_text(robot: pfd.Robot) -> str:
 
 
 def cause(recorded: Mapping[str, str], program: str, altered: bool | None) -> str:
-    """Return why a recording and its replay differ: other data, program or processor.
+    """Return why a recording with these versions and its replay by a program differ.
 
-    Parameters
-    ----------
-    recorded
-        Versions in the head of the recording.
-    program
-        Digest of the program of the replay.
-    altered
-        Whether the messages are others than those recorded; None if that is unknown.
+    `altered` says whether the messages are others than those recorded; None if that is unknown.
     """
     here = versions() | {PROGRAM: program}
 

@@ -50,25 +50,11 @@ TAKEN = 'the file was removed, moved, replaced or truncated'
 
 
 class Recorder:
-    """An open recording.
+    """An open recording: a new file, for an engine before its first cycle.
 
-    Parameters
-    ----------
-    path
-        The file; it must not exist.
-    engine
-        Of the run, before its first cycle.
-    topics
-        Full name of the topic of each role that is recorded.
-    report
-        Called once, with one line, if the recording fails; on any thread.
-
-    Attributes
-    ----------
-    recorded
-        Number of written messages by role.
-    error
-        The reported line, or ''.
+    `topics` has the full name of the topic of each role that is recorded. If the recording fails,
+    `report` is called once, on any thread, with one line, which is `error` from then on.
+    `recorded` counts the written messages by role.
 
     Raises
     ------
@@ -125,12 +111,7 @@ class Recorder:
     def put(self, messages: Sequence[Message], stamp_ns: int) -> None:
         """Record the messages of one step, or asides; they have one log time.
 
-        Parameters
-        ----------
-        messages
-            Not changed afterwards.
-        stamp_ns
-            Simulated time after the step, ns.
+        They are not changed afterwards; `stamp_ns` is the simulated time after the step.
         """
         if not messages:
             return

@@ -53,14 +53,8 @@ class Recovered(NamedTuple):
 def recover(source: Path, target: Path) -> Recovered:
     """Write all readable messages of an MCAP file to a new one.
 
-    Raises
-    ------
-    LogError
-        If the source is not an MCAP file.
-    FileExistsError
-        If the target exists: nothing is overwritten.
-    OSError
-        If a file cannot be read or written; the target is removed then.
+    LogError if the source is not an MCAP file; FileExistsError if the target exists; OSError if a
+    file cannot be read or written, and the target is removed then.
     """
     lost: list[str] = []
     with damage_named(source), opened(source) as stream:
@@ -136,10 +130,7 @@ def _byte(stream: BinaryIO, place: int) -> int:
 def _readable(stream: BinaryIO, chunks: list[int], lost: list[str]) -> Iterator[McapRecord]:
     """Yield the records that can be read, and note the parts that cannot.
 
-    Parameters
-    ----------
-    chunks
-        Places of the chunks by the index, increasing; none without an index.
+    `chunks` are the places of the chunks by the index, increasing; none without an index.
     """
     at, size = len(MAGIC), os.fstat(stream.fileno()).st_size
     while True:

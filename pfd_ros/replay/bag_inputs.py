@@ -50,19 +50,9 @@ class BagInputs:
     rename
         New beginning of joint names, by old beginning.
 
-    Attributes
-    ----------
-    topic, states
-        The topic of the states, and its messages with renamed joints.
-    times
-        'stamps' in the headers if both topics have them, else 'log times'.
-    times_ns
-        Times of the states, (N,), ns.
-
-    Raises
-    ------
-    LogError
-        If the bag has no such topic, or messages of another type.
+    `topic` is the topic of the states, `states` has its messages with renamed joints, `times_ns`
+    their times, (N,): those of `times`, 'stamps' if both topics have them, else 'log times'.
+    LogError if the bag has no such topic, or messages of another type.
     """
 
     def __init__(

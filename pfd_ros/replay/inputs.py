@@ -20,21 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pfd_ros.arm import events
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import (
-    ALL_NAN,
-    ARRAY,
-    COMMANDS,
-    INPUTS,
-    NAMED,
-    PARAMETERS,
-    REJECTED,
-    REQUESTS,
-    SET_STATE,
-    STATES,
-    WRENCH,
-    Message,
-)
+from pfd_ros.arm.events import ARRAY, INPUTS, NAMED, REJECTED, STATES, Message
 from pfd_ros.arm.other_inputs import encode_changes, encode_request
 from pfd_ros.arm.settings import PER_JOINT, joint_order
 from pfd_ros.messages.cdr import STAMP, TIME
@@ -82,16 +70,10 @@ def run_inputs(
     *,
     nudged: bool = False,
 ) -> Run:
-    """Run an arm before its first cycle under inputs, up to their end.
+    """Run an arm before its first cycle under inputs in the order of their cycles, to their end.
 
-    Parameters
-    ----------
-    inputs
-        In the order of their cycles; reading them may raise LogError.
-    put
-        Called with the messages of each step and the simulated time after it, ns.
-    nudged
-        Whether each position that the arm is set to has one bit more, see `one_bit`.
+    `put` is called with the messages of each step and the simulated time after it, ns. `nudged`
+    says whether each position that the arm is set to has one bit more, see `one_bit`.
     """
     found, waiting, state = Run(), list[Message](), engine.state
     for message, cycle, broke in inputs:
@@ -103,12 +85,12 @@ def run_inputs(
                 found.failure, found.failed_ns = state.failure, engine.stamp_ns
         if message is None:
             break
-        if nudged and message.role == SET_STATE:
+        if nudged and message.role == events.SET_STATE:
             message = message._replace(data=_nudged(message.data))
         messages, (verdict,) = engine.step([message], run=False)
         waiting += messages
-        found.accepted += verdict.accepted and message.role in COMMANDS
-        label = '' if verdict.accepted or verdict.label == ALL_NAN.label else verdict.label
+        found.accepted += verdict.accepted and message.role in events.COMMANDS
+        label = '' if verdict.accepted or verdict.label == events.ALL_NAN.label else verdict.label
         if bool(label) != bool(broke):
             found.rejected[label or 'accepted'] += 1
             why = f' ({cut(verdict.detail, 200)})' if verdict.detail else ''
@@ -193,11 +175,11 @@ class _Moves:
         others = self._names != self._engine.names
         if role == ARRAY and others:
             role, data = self._renamed(data)
-        if role == PARAMETERS and others and not broke:
+        if role == events.PARAMETERS and others and not broke:
             data = self._reordered(data)
-        if role in (NAMED, WRENCH) and self._restamped:
+        if role in (NAMED, events.WRENCH) and self._restamped:
             data = data[:STAMP] + bytes(TIME.size) + data[STAMP + TIME.size :]
-        if role == REQUESTS and not broke and self._old_ns != self._new_ns:
+        if role == events.REQUESTS and not broke and self._old_ns != self._new_ns:
             data = self._rescaled(data, cycle)
         if data:
             yield Input(Message(role, data), self.begin(cycle), broke)

@@ -67,28 +67,12 @@ class Window:
 
 
 class Schedule:
-    """The messages of a log, each at its time.
+    """The messages of a log within a window of time, each at its time.
 
-    Parameters
-    ----------
-    read
-        Return the messages from the beginning, in the order of their log times.
-    kept
-        By topic, how many of the last messages before a position are sent first.
-    window
-        The window of time that is played.
-    tick_ns
-        Steady time between ticks of a clock, None for no clock.
-
-    Attributes
-    ----------
-    ended, loops
-        Whether the end was reached without a loop, and how often the log began again.
-
-    Raises
-    ------
-    ValueError
-        If a loop would be shorter than SHORTEST_LOOP_NS.
+    `read` returns the messages from the beginning, in the order of their log times. `kept` says by
+    topic how many of the last messages before a position are sent first, `tick_ns` is the steady
+    time between ticks of a clock, None for no clock. `ended` says whether the end was reached
+    without a loop, `loops` how often the log began again. ValueError for too short a loop.
     """
 
     def __init__(

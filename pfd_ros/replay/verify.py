@@ -34,16 +34,10 @@ class DifferenceError(LogError):
 
 
 class Verified(NamedTuple):
-    """What was compared.
+    """What was compared: messages by role, up to the last cycle that was simulated.
 
-    Attributes
-    ----------
-    compared
-        Messages by role; asides are counted, but a replay does not compute them.
-    cycles
-        The last cycle that was simulated.
-    complete
-        Whether the recording is whole: not cut off, and with the end of its run.
+    Asides are counted, but a replay does not compute them. `complete` says whether the recording
+    is whole: not cut off, and with the end of its run.
     """
 
     compared: Counter[str]

@@ -23,19 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
+from pfd_ros.arm import events
 from pfd_ros.arm.description import link_frames
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import (
-    CLOCK,
-    CLOCK_TICKS,
-    INPUTS,
-    PAYLOAD_IN_USE,
-    REJECTED,
-    REJECTED_COUNTS,
-    STATES,
-    TIP_WRENCH,
-    Message,
-)
+from pfd_ros.arm.events import STATES, Message
 from pfd_ros.arm.settings import FIELDS, SIMULATED, Settings
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS
@@ -60,59 +51,39 @@ FULL = 0.25
 
 @dataclass(frozen=True)
 class WhatIf:
-    """The result of a run with something changed; times in s after the start.
-
-    Attributes
-    ----------
-    source, log, changes
-        The recording or bag, the log of the new run, and the changes as given.
-    robot, settings
-        Of the new run, 'auto' resolved.
-    seconds, states
-        Simulated time of the new run, s; number of states in the source.
-    thresholds
-        One for each field.
-    divergences, rounding
-        Differences of the log and the new run, at the times of the log, by field and joint; and of
-        the new run and the rounding run, () without one.
-    only_in_log, only_in_arm
-        Joints that only the log, or only the arm has.
-    failure, failed_at
-        Why and when the simulation failed, '' and None without a failure.
-    rejected, first_rejected
-        Number of inputs with another result than in the recording, and of rejected commands of a
-        bag, by result; a line about the first.
-    replaced
-        Changed settings that inputs of the log change later, to the recorded values.
-    states_topic, times
-        Topic of the states, and time base of a bag: 'stamps' or 'log times'; '' for a recording.
-    complete, problems
-        Whether the source was closed properly, and lines about what could not be read.
-    curves
-        Both motions at the times of the log.
-    """
+    """The result of a run with something changed; times in s after the start."""
 
     source: Path
+    # The log of the new run; the changes as given.
     log: Path
     changes: tuple[str, ...]
+    # Of the new run, 'auto' resolved; its simulated time, s.
     robot: str
     settings: Settings
     seconds: float
+    # Number of states in the source.
     states: int
     thresholds: tuple[float, ...]
+    # Of the log and the new run, at the times of the log; of the new run and the rounding run.
     divergences: tuple[Difference, ...]
     rounding: tuple[Difference, ...]
+    # Joints.
     only_in_log: tuple[str, ...]
     only_in_arm: tuple[str, ...]
     failure: str
     failed_at: float | None
+    # Inputs with another result than in the recording, and rejected commands of a bag, by result.
     rejected: Mapping[str, int]
     first_rejected: str
+    # Changed settings that inputs of the log change later, to the recorded values.
     replaced: tuple[str, ...]
     states_topic: str
+    # Time base of a bag: 'stamps' or 'log times'; '' for a recording.
     times: str
     complete: bool
+    # Lines about what could not be read.
     problems: list[str]
+    # Both motions at the times of the log.
     curves: Curves = field(repr=False, compare=False)
 
 
@@ -175,14 +146,10 @@ def what_if(
     progress
         Called with the finished share, 0 to 1.
 
-    Raises
-    ------
-    ValueError
-        If a setting is invalid, or the log (LogError) is damaged, no recording of this edition, or
-        has no joint of the arm; no log is written then. If the new run has nothing to compare
-        (LogError): it stays, and the text names it.
-    OSError
-        If a file cannot be read or written.
+    ValueError if a setting is invalid, or the log (LogError) is damaged, no recording of this
+    edition, or has no joint of the arm; no log is written then. If the new run has nothing to
+    compare (LogError) it stays, and the text names it. OSError if a file cannot be read or
+    written.
     """
     path = Path(path)
     if len(thresholds) != len(JOINT_FIELDS) or not all(0 <= x < np.inf for x in thresholds):
@@ -361,12 +328,12 @@ def _unreadable(log: LogArrays, *topics: str) -> list[str]:
 
 def _engine(case: _Case, settings: Settings) -> Engine:
     frames = link_frames(case.urdf, settings, case.robot) if case.urdf else None
-    roles = {*INPUTS, REJECTED, REJECTED_COUNTS, PAYLOAD_IN_USE, STATES, *settings.outputs}
-    roles |= {TIP_WRENCH} if settings.external_wrench else set()
-    roles |= {CLOCK} if settings.publish_clock else set()
-    roles |= frames.roles if frames is not None else set()
-    if not settings.follows_clock and CLOCK_TICKS not in case.topics:
-        roles.discard(CLOCK_TICKS)
+    roles = {*events.INPUTS, events.REJECTED, events.REJECTED_COUNTS, events.PAYLOAD_IN_USE}
+    roles |= {STATES, *settings.outputs, *(frames.roles if frames is not None else ())}
+    roles |= {events.TIP_WRENCH} if settings.external_wrench else set()
+    roles |= {events.CLOCK} if settings.publish_clock else set()
+    if not settings.follows_clock and events.CLOCK_TICKS not in case.topics:
+        roles.discard(events.CLOCK_TICKS)
     return Engine(settings, case.robot, roles, frames)
 
 

@@ -12,17 +12,22 @@ import itertools
 import json
 import os
 from pathlib import Path
+import shutil
 import subprocess
 from typing import Any
 import urllib.request
 
-from browser import BROWSER
 import numpy as np
 from PIL import Image
+import pytest
 from waiting import PATIENCE, wait_until
 from websockets.sync.client import connect
 
-WIDTH, HEIGHT = 1440, 900
+NAMES = ('chromium', 'chromium-browser', 'google-chrome', 'chrome')
+BROWSER = next(filter(None, map(shutil.which, NAMES)), None)
+needs_browser = pytest.mark.skipif(
+    BROWSER is None, reason=f'no browser: none of {", ".join(NAMES)} is installed'
+)
 OPTIONS = (
     '--headless=new',
     '--use-gl=angle',
@@ -31,7 +36,6 @@ OPTIONS = (
     '--disable-background-networking',
     '--hide-scrollbars',
     '--remote-debugging-port=0',
-    f'--window-size={WIDTH},{HEIGHT}',
 )
 
 
@@ -92,13 +96,15 @@ def red(shown: Page) -> float:
 
 
 @contextmanager
-def opened(url: str, folder: Path) -> Iterator[Page]:
+def opened(url: str, folder: Path, size: tuple[int, int] = (1440, 900)) -> Iterator[Page]:
     """Open a page in a new browser without a network, which ends with the block."""
     assert BROWSER is not None
     sandbox = ['--no-sandbox'] if os.geteuid() == 0 else []
     # Names other than this computer's are not found.
     offline = '--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1'
-    command = [BROWSER, *OPTIONS, *sandbox, offline, f'--user-data-dir={folder}', 'about:blank']
+    window = f'--window-size={size[0]},{size[1]}'
+    profile = f'--user-data-dir={folder}'
+    command = [BROWSER, *OPTIONS, *sandbox, offline, window, profile, 'about:blank']
     browser = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         port = _port(folder / 'DevToolsActivePort')

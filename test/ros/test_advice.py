@@ -25,6 +25,7 @@ from effect_cases import everything
 import numpy as np
 import pytest
 from recordings import simulate
+from sampling import one_fast
 from zoo import joint, link, urdf
 
 import pfd_core as pfd
@@ -85,7 +86,6 @@ def error_of(robot: pfd.Robot, scene: pfd.Scene, smaller: pfd.Scene, motion: Mot
 
 # How much farther the disc gets in 0.1 s from 2 rad/s without damping of 5 N m s/rad.
 COASTED = 2.0 * 0.1 - 2.0 * INERTIA / 5.0 * (1 - math.exp(-5.0 * 0.1 / INERTIA))
-UNREACHED = (((8.0, 12.0), (9.0, 0.0)),)
 # Effect, its scene, torques, velocity at the start, brakes, and the error without the effect.
 CASES: list[tuple[Any, ...]] = [
     ('damping', {'damping': (5.0,)}, COAST, 2.0, None, COASTED),
@@ -100,7 +100,6 @@ CASES: list[tuple[Any, ...]] = [
     # Motions that do not test the effect.
     ('joint stops', {'joint_limits': ((-1.0, 0.5),)}, COAST, 2.0, None, 0.0),
     ('effort limits', {'effort_limits': (12.0,)}, PUSH, 0.0, None, 0.0),
-    ('torque-speed tables', {'torque_speed': UNREACHED}, PUSH, 0.0, None, 0.0),
     ('brakes', {'brakes': True}, PUSH, 0.0, None, 0.0),
     ('external wrench', {'external_wrench': True}, PUSH, 0.0, None, 0.0),
 ]
@@ -124,8 +123,8 @@ def test_an_effect_is_kept_if_its_error_is_above_the_tolerance_and_unseen_if_it_
     assert advice.rows[SMALLEST_SCENE].error == (0.0 if kept else row.error)
 
 
-@pytest.mark.parametrize('window', [0.05, 0.1])
-def test_an_error_is_that_within_a_window(window: float) -> None:
+def test_an_error_is_that_within_a_window() -> None:
+    window = 0.05
     scene = pfd.Scene(armature=(0.25,))
     motion = driven(scene, np.full((250, 1), 3.0))
     # The same in every window, however fast the disc has become by then.
@@ -173,25 +172,18 @@ def test_all_scenes_have_the_integrator_of_the_full_scene() -> None:
     assert found == pytest.approx(error_of(arm, scene, smaller, motion), rel=ROUNDING)
 
 
-@pytest.fixture(scope='module')
-def sines() -> tuple[pfd.Robot, pfd.Scene, Motion]:
+def test_the_scene_is_within_the_tolerance_and_loses_it_without_another_effect() -> None:
     arm, scene = pfd.load_robot('planar2'), pfd.Scene(damping=(0.5, 0.01), armature=(0.1, 0.01))
-    return arm, scene, sine_motion(arm, scene)
-
-
-@pytest.mark.parametrize(('tolerance', 'count'), [(1e-3, 3), (0.05, 2), (100.0, 0)])
-def test_the_scene_is_within_the_tolerance_and_loses_it_without_another_effect(
-    tolerance: float, count: int, sines: tuple[pfd.Robot, pfd.Scene, Motion]
-) -> None:
-    arm, scene, motion = sines
-    advice = advise(arm, scene, motion, tolerance)
-    smallest = advice.rows[SMALLEST_SCENE]
-    assert smallest.error <= tolerance
-    error = error_of(arm, scene, advice.scene, motion)
-    assert error == pytest.approx(smallest.error, rel=ROUNDING)
-    assert len(advice.kept) == count
-    for name in advice.kept:
-        assert error_of(arm, scene, advice.scene.without({name}), motion) > tolerance
+    motion = sine_motion(arm, scene)
+    for tolerance, count in ((1e-3, 3), (0.05, 2), (100.0, 0)):
+        advice = advise(arm, scene, motion, tolerance)
+        smallest = advice.rows[SMALLEST_SCENE]
+        assert smallest.error <= tolerance
+        error = error_of(arm, scene, advice.scene, motion)
+        assert error == pytest.approx(smallest.error, rel=ROUNDING)
+        assert len(advice.kept) == count
+        for name in advice.kept:
+            assert error_of(arm, scene, advice.scene.without({name}), motion) > tolerance
 
 
 @pytest.mark.long
@@ -220,8 +212,7 @@ def test_the_full_scene_has_what_the_model_states_and_is_given_or_the_reason_why
 # Motions
 
 
-@pytest.mark.parametrize('arm', ['planar2', 'puma560', 'panda'])
-@pytest.mark.slow
+@pytest.mark.parametrize('arm', one_fast(['planar2', 'puma560', 'panda']))
 def test_sines_are_motions_of_the_full_scene_within_the_limits(arm: str) -> None:
     robot = pfd.load_robot(arm)
     scene, _ = full_scene(robot, pfd.Scene(), SINE_SETTINGS)
@@ -343,11 +334,10 @@ def test_the_command_needs_no_recording_and_names_what_sines_do_not_test(
 
 @pytest.fixture(scope='module')
 def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with recordings that a report refuses."""
+    """Return a folder with recordings, the last three of which a report refuses."""
     folder = tmp_path_factory.mktemp('logs')
-    kinds = {'moved': MOVE, 'resting': {}, 'refused': {3: [efforts(1.0)]}}
-    for name, events in kinds.items():
-        simulate(folder / f'{name}.mcap', 30, events)
+    simulate(folder / 'moved.mcap', 30, MOVE)
+    simulate(folder / 'refused.mcap', 30, {3: [efforts(1.0)]})
     simulate(folder / 'empty.mcap', 0)
     (folder / 'text.mcap').write_text('no recording')
     return folder
@@ -358,15 +348,12 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     [
         ('dance', ('--trajectory', "'dance'")),
         ('sine', ('--trajectory', '--robot')),
-        ('sine --robot nobody', ("'nobody'",)),
-        ('nix.mcap', ('nix.mcap',)),
-        *((f'moved.mcap --tolerance {value}', ('tolerance',)) for value in ('0', '-1', 'nan')),
-        *((f'moved.mcap --window {value}', ('window',)) for value in ('0', '-1', 'inf')),
+        ('moved.mcap --tolerance nan', ('tolerance',)),
+        ('moved.mcap --window 0', ('window',)),
         ('moved.mcap --robot ur5', ("'elbow'", "'ur5'")),
         ('moved.mcap --robot nobody', ("'nobody'",)),
         ('moved.mcap --scene nix.yaml', ("'nix.yaml'",)),
         ('moved.mcap --out text.mcap', ('text.mcap', 'exists')),
-        ('resting.mcap', ('no torques', '30 steps')),
         ('refused.mcap', ('no torques', '30 steps')),
         ('text.mcap', ('text.mcap',)),
         ('empty.mcap', ('empty.mcap',)),

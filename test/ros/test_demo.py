@@ -26,10 +26,6 @@ from waiting import PATIENCE
 import pfd_core as pfd
 from pfd_ros import read_log
 
-# Central differences with step h err by h^2 / 6 times a derivative of third or fourth order,
-# which stays below 1000 for this motion; rounding over h is a hundred times less.
-STEP = 1e-5
-DIFFERENCE_TOLERANCE = STEP**2 / 6 * 1000
 # Friction, payload and push move a joint off its motion by some hundredths of a radian.
 VISIBLE, LIMIT = 1e-3, 0.1
 
@@ -46,14 +42,6 @@ def test_the_motion_starts_at_rest_and_stays_within_the_limits(name: str) -> Non
     assert (q >= robot.position_lower).all()
     assert (q <= robot.position_upper).all()
     assert (np.ptp(q, axis=0) > 0).all()
-
-
-def test_the_motion_has_the_derivatives_it_states() -> None:
-    motion = bridge.demo_motion(pfd.load_robot('puma560'))
-    t = np.linspace(0.1, 5, 50)
-    (q0, v0, _), (_, v, a), (q1, v1, _) = (motion.at(t + k * STEP) for k in (-1, 0, 1))
-    np.testing.assert_allclose((q1 - q0) / (2 * STEP), v, rtol=0, atol=DIFFERENCE_TOLERANCE)
-    np.testing.assert_allclose((v1 - v0) / (2 * STEP), a, rtol=0, atol=DIFFERENCE_TOLERANCE)
 
 
 @pytest.mark.parametrize('name', one_fast(pfd.known_robots(), 'planar2'))
@@ -83,7 +71,6 @@ def test_the_disturbances_are_visible_and_the_controller_rejects_them(name: str)
     ('words', 'error'),
     [
         (('--seconds', '0'), '--seconds must be above 0, got 0.0'),
-        (('--seconds', '-1'), '--seconds must be above 0, got -1.0'),
         (('--seconds', 'nan'), '--seconds must be above 0, got nan'),
         (('--seconds', 'inf'), '--seconds must be above 0, got inf'),
         (('--robot', 'r2d2'), "unknown robot 'r2d2'"),
@@ -101,27 +88,18 @@ def test_wrong_options_are_one_line_before_anything_starts(
     assert not (tmp_path / 'out').exists()
 
 
-def states(periods_ms: list[float]) -> Any:
-    """Return the states of a log at 1 kHz, by the times [ms] between its messages."""
-    stamps = np.arange(len(periods_ms) + 1) * 1_000_000
-    times = np.cumsum([0, *(round(1e6 * period) for period in periods_ms)])
-    return {'/states': SimpleNamespace(stamp_ns=stamps, log_ns=times)}
-
-
 @pytest.mark.parametrize(
     ('periods', 'slow'),
-    [
-        (100 * [1.0], False),
-        (50 * [0.5, 1.5], False),
-        (100 * [1.005], False),
-        (100 * [1.02], True),
-        (99 * [1.0] + [10.0], True),
-    ],
+    [(50 * [0.5, 1.5], False), (100 * [1.005], False), (99 * [1.0] + [10.0], True)],
 )
 def test_a_rate_below_the_one_of_the_stamps_is_a_machine_that_is_too_slow(
     periods: list[float], slow: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert bridge.demo_rate(states(periods), '/states') == slow
+    # States at 1 kHz, by the times [ms] between their messages.
+    stamps = np.arange(len(periods) + 1) * 1_000_000
+    times = np.cumsum([0, *(round(1e6 * period) for period in periods)])
+    log = {'/states': SimpleNamespace(stamp_ns=stamps, log_ns=times)}
+    assert bridge.demo_rate(log, '/states') == slow
     printed = capsys.readouterr().out
     assert 'of 1000 Hz' in printed
     assert ('this machine is too slow' in printed) == slow
@@ -163,19 +141,10 @@ HOSTILE = {
 }
 
 
-def start_demo(folder: Path, domain: int, *words: str) -> subprocess.Popen[str]:
+def start_demo(folder: Path, domain: int) -> subprocess.Popen[str]:
+    command = ['-m', 'pfd_ros.cli.main', 'demo', '--seconds', '1', '--out', 'here']
     return subprocess.Popen(
-        [
-            sys.executable,
-            '-m',
-            'pfd_ros.cli.main',
-            'demo',
-            '--seconds',
-            '1',
-            '--out',
-            'here',
-            *words,
-        ],
+        [sys.executable, *command],
         cwd=folder,
         env=environment(domain) | HOSTILE,
         stdout=subprocess.PIPE,

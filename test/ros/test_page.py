@@ -25,8 +25,7 @@ from bridge import (
     page_of_log,
     pfd_main,
 )
-from browser import needs_browser
-from devtools import opened
+from devtools import needs_browser, opened
 from logs import JOINT_STATE, STORE, STRING, Row, random_message, write_mcap
 import numpy as np
 import pytest
@@ -99,111 +98,79 @@ def states(
 TIMES = DAY + 0.01 * np.arange(200)
 
 
-# What went wrong: cycles, inputs by cycle, settings -> kind, severity, joint, time, number of
-# spans, and words of the text.
-
-PUSH = {1: [efforts(0.5, 0.2)]}
+# Inputs by cycle, cycles, settings; then severity, joint, time, number of spans, kind and words.
 STEADY = {k: [efforts(0.0, 0.0)] for k in range(1, 201)}
-FAULTS: dict[str, tuple[int, Any, dict[str, Any], tuple[Any, ...]]] = {
+JUMP = {'reflex_effort_rate': 1000.0, **FREE}
+OUT = {'effort_limits': False, 'torque_speed': False, **FREE}
+FAULTS: dict[str, tuple[Any, int, dict[str, Any], tuple[Any, ...], str, str]] = {
     'effort at its limit': (
-        *(100, {1: [efforts(0.0, 0.0)], 50: [efforts(25.0, 0.0)], 60: [efforts(0.0, 0.0)]}, FREE),
-        ('effort limit', 'warning', 'shoulder', 0.051, 1, 'effort 20 N m'),
+        {1: [efforts(0.0, 0.0)], 50: [efforts(25.0, 0.0)], 60: [efforts(0.0, 0.0)]},
+        *(100, FREE, ('warning', 'shoulder', 0.051, 1), 'effort limit', 'effort 20 N m'),
+    ),
+    'too fast': (
+        {1: [efforts(15.0, 0.0)]},
+        *(600, FREE, ('bad', 'elbow', 0.312, 3), 'velocity limit', 'velocity 20.06 rad/s'),
     ),
     'wrong size': (
-        *(100, {**STEADY, 40: [efforts(1.0)]}, FREE),
-        ('rejected input', 'bad', '', 0.041, 1, 'commands wrong_size'),
+        {**STEADY, 40: [efforts(1.0)]},
+        *(100, FREE, ('bad', '', 0.041, 1), 'rejected input', 'commands wrong_size'),
     ),
     'NaN of one joint': (
-        *(100, {**STEADY, 40: [efforts(1.0, np.nan)], 41: [efforts(1.0, np.nan)]}, FREE),
-        ('rejected input', 'bad', '', 0.041, 2, 'commands not_finite'),
-    ),
-    'unknown joints': (
-        *(100, {30: [named(['nobody'], effort=(1.0,))]}, FREE),
-        ('rejected input', 'bad', '', 0.031, 1, 'joint_commands unknown_names'),
+        {**STEADY, 40: [efforts(1.0, np.nan)], 41: [efforts(1.0, np.nan)]},
+        *(100, FREE, ('bad', '', 0.041, 2), 'rejected input', 'commands not_finite'),
     ),
     'silence': (
-        *(
-            200,
-            {**PUSH, 150: [efforts(0.0, 0.0)], 190: [efforts(0.0, 0.0)]},
-            {'command_timeout': 0.05, **FREE},
-        ),
-        ('watchdog', 'bad', '', 0.052, 1, 'command_timeout 0.05 s: brake'),
+        {1: [efforts(0.5, 0.2)], 150: [efforts(0.0, 0.0)], 190: [efforts(0.0, 0.0)]},
+        *(200, {'command_timeout': 0.05, **FREE}, ('bad', '', 0.052, 1)),
+        *('watchdog', 'command_timeout 0.05 s: brake'),
     ),
     'jump of an effort': (
-        *(100, {**STEADY, 40: [efforts(15.0, 0.0)]}, {'reflex_effort_rate': 1000.0, **FREE}),
-        ('reflex', 'bad', '', 0.042, 60, 'commands are refused until ~/reset'),
+        {**STEADY, 40: [efforts(15.0, 0.0)]},
+        *(100, JUMP, ('bad', '', 0.042, 60), 'reflex', 'commands are refused until ~/reset'),
     ),
     'jump of the last effort': (
-        *(
-            100,
-            {1: [efforts(0.0, 0.0)], 100: [efforts(15.0, 0.0)]},
-            {'reflex_effort_rate': 1000.0, **FREE},
-        ),
-        ('reflex', 'bad', '', 0.101, 1, 'braked at the end'),
+        {1: [efforts(0.0, 0.0)], 100: [efforts(15.0, 0.0)]},
+        *(100, JUMP, ('bad', '', 0.101, 1), 'reflex', 'braked at the end'),
     ),
     'run away': (
-        *(
-            100,
-            {40: [efforts(1e300, 0.0)]},
-            {'effort_limits': False, 'torque_speed': False, **FREE},
-        ),
-        ('failure', 'bad', '', None, 1, 'the simulation stopped'),
+        {40: [efforts(1e300, 0.0)]},
+        *(100, OUT, ('bad', '', None, 1), 'failure', 'the simulation stopped'),
     ),
     'states are lost': (
-        *(100, {}, {'drop_state': 0.2, 'seed': 3}),
-        ('gap', 'note', '', None, None, 'no state on /joint_states for'),
+        *({}, 100, {'drop_state': 0.2, 'seed': 3}, ('note', '', None, None)),
+        *('gap', 'no state on /joint_states for'),
     ),
     'parameters': (
-        *(100, {20: [change(noise_position=1e-4)]}, {}),
-        ('event', 'note', '', 0.021, 1, 'parameters {"noise_position"'),
+        {20: [change(noise_position=1e-4)]},
+        *(100, {}, ('note', '', 0.021, 1), 'event', 'parameters {"noise_position"'),
     ),
-    'reset': (*(100, {20: [request('reset')]}, {}), ('event', 'note', '', 0.021, 1, 'reset')),
+    'reset': ({20: [request('reset')]}, 100, {}, ('note', '', 0.021, 1), 'event', 'reset'),
     'state is set': (
-        *(100, {20: [placed(('shoulder', 'elbow'), (0.1, 0.2))]}, {}),
-        ('event', 'note', '', 0.021, 1, 'set_state'),
+        {20: [placed(('shoulder', 'elbow'), (0.1, 0.2))]},
+        *(100, {}, ('note', '', 0.021, 1), 'event', 'set_state'),
     ),
 }
 
 
 @pytest.mark.parametrize('name', FAULTS)
 def test_each_fault_is_found_with_its_kind_joint_time_and_count(name: str, tmp_path: Path) -> None:
-    cycles, events, given, (kind, severity, joint, time, count, words) = FAULTS[name]
+    events, cycles, given, (severity, joint, time, count), kind, words = FAULTS[name]
     simulate(tmp_path / 'a.mcap', cycles, events, **given)
     page = shown(tmp_path / 'a.mcap')
     found = [x for x in page.findings if x.kind == kind and words in x.text]
     assert [(x.severity, x.joint) for x in found] == [(severity, joint)]
-    if time is not None:
-        assert found[0].time == pytest.approx(time, abs=1.5e-3)
-    if count is not None:
-        assert len(found[0].spans) == count
+    assert time is None or found[0].time == pytest.approx(time, abs=1.5e-3)
+    assert count in (None, len(found[0].spans))
     worse = [x for x in page.findings if x.severity != 'note']
     assert (page.first is not None) == (severity != 'note') == bool(worse)
     assert ('nothing went wrong' in page.said) == (severity == 'note')
 
 
-def test_a_limit_is_found_at_the_first_sample_at_or_beyond_it(tmp_path: Path) -> None:
-    path = tmp_path / 'a.mcap'
-    simulate(path, 600, {1: [efforts(15.0, -3.0)]}, **FREE)
-    log = read_log(path)
-    assert log.robot is not None
-    velocity = np.abs(log['/joint_states'].velocity) >= log.robot.velocity_limit
-    assert velocity.any()
-    first = shown(path).first
-    k = int(np.argmax(velocity.any(axis=1)))
-    assert first.kind == 'velocity limit'
-    assert first.time == pytest.approx(log['/joint_states'].time[k], abs=1e-9)
-    assert first.joint in np.array(log['/joint_states'].names)[velocity[k]]
-
-
 def test_a_run_without_faults_says_so_and_lists_the_checks(tmp_path: Path) -> None:
     simulate(tmp_path / 'a.mcap', 200, STEADY, **FREE)
     page = shown(tmp_path / 'a.mcap')
-    assert (page.said, page.first, page.findings, page.unreadable) == (
-        'nothing went wrong',
-        None,
-        [],
-        [],
-    )
+    said = page.said, page.first, page.findings, page.unreadable
+    assert said == ('nothing went wrong', None, [], [])
     for check in ('limits', 'finite numbers', 'missing states', 'rejected inputs', 'failure'):
         assert re.search(f'Checked: [^.]*{check}', page.html), check
 
@@ -296,46 +263,25 @@ def test_missing_states_are_a_gap_and_no_line_crosses_it(tmp_path: Path) -> None
     assert np.isfinite(np.delete(values, 40, axis=1)).all()
 
 
-def unreadable(path: Path, kind: str) -> Path:
-    """Write a log whose joint states cannot be read, or half of them."""
-
-    def cut(k: int, data: bytes) -> bytes:
-        if kind == 'half of them cut off':
-            return data[:60] if k % 2 else data
-        return b'\0\7\0\0' + data[4:]
-
-    data = [encode_joints(x['names'], x['position'], stamp_ns=0) for _, _, x in states(UR5, TIMES)]
-    if kind == 'JSON':
-        text = json.dumps({'joints': [{'name': 'a', 'position': 0.1}]}).encode()
-        rows = [('/joint_states', t, text) for t in TIMES]
-        return write_bag(path, rows, kind='foxglove.JointStates', encoding='json')
-    if kind == 'protobuf':
-        rows = [('/joint_states', t, b'\x0a\0') for t in TIMES]
-        return write_bag(path, rows, kind='sensor_msgs.JointState', encoding='protobuf')
-    return write_bag(
-        path,
-        [
-            ('/joint_states', t, cut(k, x))
-            for k, (t, x) in enumerate(zip(TIMES, data, strict=True))
-        ],
-    )
-
-
-@pytest.mark.parametrize(
-    'kind', ['JSON', 'protobuf', 'all of another encoding', 'half of them cut off']
-)
+@pytest.mark.parametrize('kind', ['JSON', 'half of them cut off'])
 def test_a_log_that_cannot_be_read_is_never_good(
     kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = unreadable(tmp_path / 'a.mcap', kind)
-    page = shown(path)
-    assert page.unreadable
+    path, more = tmp_path / 'a.mcap', {}
+    rows = [('/joint_states', t, b'{"joints": []}') for t in TIMES]
+    if kind == 'JSON':
+        more = {'kind': 'foxglove.JointStates', 'encoding': 'json'}
+    else:
+        whole = encode_joints(UR5, np.zeros(6), stamp_ns=0)
+        rows = [(topic, t, whole[: 60 if k % 2 else None]) for k, (topic, t, _) in enumerate(rows)]
+    page = shown(write_bag(path, rows, **more))
     assert '/joint_states' in page.said
+    assert page.unreadable
     assert 'headline bad' in page.html
     assert 'othing went wrong' not in page.html
     assert pfd_main(['report', 'log', str(path), '--out', str(tmp_path / 'a.html')]) == 1
     printed = capsys.readouterr()
-    assert '/joint_states' in printed.out + printed.err
+    assert '/joint_states' in printed.err
     assert 'nothing went wrong' not in printed.out
 
 
@@ -355,20 +301,11 @@ def test_messages_without_a_stamp_are_placed_by_the_state_before_them(tmp_path: 
     assert [page.plots[0].time[0], page.plots[0].time[-1]] == pytest.approx([5.0, 5.99])
 
 
-@pytest.mark.parametrize('stamp', [0, 17])
-def test_stamps_that_are_no_times_are_replaced_by_log_times(stamp: int, tmp_path: Path) -> None:
-    rows = [(topic, t, {**given, 'stamp_ns': stamp}) for topic, t, given in states(['a'], TIMES)]
+def test_stamps_that_are_no_times_are_replaced_by_log_times(tmp_path: Path) -> None:
+    rows = [(topic, t, {**given, 'stamp_ns': 17}) for topic, t, given in states(['a'], TIMES)]
     page = shown(write_bag(tmp_path / 'a.mcap', rows))
     assert any('times are log times' in note for note in page.notes)
     assert page.plots[0].time == pytest.approx(TIMES - DAY, abs=1e-6)
-
-
-def test_a_log_in_another_order_is_drawn_in_the_order_of_log_times(tmp_path: Path) -> None:
-    rows = states(['a'], TIMES)
-    page = shown(write_bag(tmp_path / 'a.mcap', rows[100:] + rows[:100]))
-    assert page.said == 'nothing went wrong'
-    assert page.plots[0].time == pytest.approx(TIMES - DAY, abs=1e-6)
-    assert '0.000 s to 1.990 s' in page.html
 
 
 def test_the_robot_of_another_log_gives_its_limits(tmp_path: Path) -> None:
@@ -388,12 +325,8 @@ def test_infinite_states_are_found(tmp_path: Path) -> None:
     rows[70][2]['velocity'][1] = np.inf
     page = shown(write_bag(tmp_path / 'a.mcap', rows))
     (found,) = page.findings
-    assert (found.kind, found.severity, found.joint, found.text) == (
-        'not finite',
-        'bad',
-        'b',
-        'velocity is inf',
-    )
+    of = found.kind, found.severity, found.joint, found.text
+    assert of == ('not finite', 'bad', 'b', 'velocity is inf')
     assert found.time == pytest.approx(0.7, abs=1e-6)
 
 
@@ -508,7 +441,7 @@ KINDS = (JOINT_STATE, DIAGNOSTICS, 'std_msgs/msg/Float64MultiArray', STRING)
 NUMBERS = (0.0, 1.0, -2.5, np.nan, np.inf, 1e308)
 
 
-@pytest.mark.parametrize('seed', range(20))
+@pytest.mark.parametrize('seed', range(8))
 def test_random_and_damaged_messages_are_shown_or_named(seed: int, tmp_path: Path) -> None:
     rng, rows = random.Random(seed), []
     for k in range(60):
@@ -529,28 +462,11 @@ def test_random_and_damaged_messages_are_shown_or_named(seed: int, tmp_path: Pat
     assert [x.time for x in page.findings] == sorted(x.time for x in page.findings)
 
 
-def test_a_recording_of_the_first_edition_is_named_as_such(tmp_path: Path) -> None:
-    simulate(tmp_path / 'a.mcap', 20)
-    path = rewritten(
-        tmp_path / 'a.mcap',
-        tmp_path / 'b.mcap',
-        metadata=lambda name, found: {**found, 'format': '2'} if 'format' in found else found,
-    )
-    assert any('first edition' in note for note in shown(path).notes)
-
-
-@pytest.mark.parametrize(
-    ('key', 'text'), [('versions', '{'), ('settings', '{"publish_rate": "x"}')]
-)
-def test_a_damaged_head_is_an_error_with_the_name_of_the_file(
-    key: str, text: str, tmp_path: Path
-) -> None:
-    path = tmp_path / 'b.mcap'
+def test_a_damaged_head_is_an_error_with_the_name_of_the_file(tmp_path: Path) -> None:
+    path, settings = tmp_path / 'b.mcap', {'settings': '{"publish_rate": "x"}'}
     simulate(tmp_path / 'a.mcap', 20)
     rewritten(
-        tmp_path / 'a.mcap',
-        path,
-        metadata=lambda name, found: {**found, key: text} if key in found else found,
+        tmp_path / 'a.mcap', path, metadata=lambda _, x: x | settings if 'settings' in x else x
     )
     with pytest.raises(ValueError, match=re.escape(str(path))):
         shown(path)
@@ -600,37 +516,6 @@ def test_a_page_refers_to_nothing_and_runs_only_its_own_scripts(tmp_path: Path) 
         assert f"'sha256-{digest}'" in policy
 
 
-def test_a_log_that_was_cut_off_is_shown_up_to_the_cut(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    whole, path = tmp_path / 'a.mcap', tmp_path / 'cut.mcap'
-    write_bag(whole, states(UR5, DAY + 0.001 * np.arange(20_000)))
-    path.write_bytes(whole.read_bytes()[: 2 * whole.stat().st_size // 3])
-    page = shown(path)
-    assert any('cut off' in note for note in page.notes)
-    assert len(page.plots[0].time) > 5000
-    assert pfd_main(['report', 'log', str(path), '--out', str(tmp_path / 'cut.html')]) == 0
-    assert 'cut off' in capsys.readouterr().out
-
-
-def test_a_window_without_messages_is_an_error_and_no_page(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path, out = write_bag(tmp_path / 'a.mcap', states(['a'], TIMES)), tmp_path / 'page.html'
-    words = ['report', 'log', str(path), '--out', str(out), '--start', '1e6']
-    assert pfd_main(words) == 1
-    assert 'no message between --start and --end' in capsys.readouterr().err
-    assert not out.exists()
-
-
-def test_a_page_is_never_written_over_a_file(tmp_path: Path) -> None:
-    page, out = shown(write_bag(tmp_path / 'a.mcap', states(['a'], TIMES))), tmp_path / 'page.html'
-    out.write_text('mine')
-    with pytest.raises(FileExistsError):
-        page.write(out)
-    assert out.read_text() == 'mine'
-
-
 # In a browser.
 
 
@@ -677,7 +562,9 @@ LIMIT = """JSON.stringify([plots[2].over.getBoundingClientRect().left,
 
 
 @needs_browser
-def test_a_browser_draws_all_curves(browser: Any, faulty: Path) -> None:
+def test_a_browser_draws_all_curves_a_drag_zooms_and_a_click_selects_a_joint(
+    browser: Any, faulty: Path
+) -> None:
     states = read_log(faulty.with_suffix('.mcap'))['/joint_states']
     with drawn(browser, faulty) as count:
         curves = dict(json.loads(browser.value(CURVES)))
@@ -688,11 +575,6 @@ def test_a_browser_draws_all_curves(browser: Any, faulty: Path) -> None:
                 values = getattr(states, item)[:, k]
                 assert length == len(values)
                 assert [first, last] == pytest.approx(values[[0, -1]], rel=1e-6)
-
-
-@needs_browser
-def test_a_drag_zooms_all_plots_and_a_click_selects_a_joint(browser: Any, faulty: Path) -> None:
-    with drawn(browser, faulty):
         box = json.loads(browser.value('JSON.stringify(plots[1].over.getBoundingClientRect())'))
         mouse = {'y': box['top'] + box['height'] / 2, 'button': 'left', 'buttons': 1}
         for kind, part in (('mousePressed', 0.25), ('mouseMoved', 0.5), ('mouseReleased', 0.5)):

@@ -13,9 +13,10 @@ import subprocess
 import sys
 from urllib.parse import urlsplit
 
-from browser import elements, needs_browser
+from devtools import needs_browser, opened
 import pytest
 from ros_processes import ROOT
+from waiting import wait_until
 
 import pfd_core as pfd
 
@@ -68,10 +69,17 @@ def test_the_reference_has_all_public_names(site: Path) -> None:
 
 @needs_browser
 def test_home_and_search_open_from_the_disk_without_errors(site: Path, tmp_path: Path) -> None:
-    assert 'A simulated robot arm for ROS 2 Jazzy' in elements(site / 'index.html', tmp_path)
-    found = elements(site / 'search.html', tmp_path, '?q=payload')
-    results = re.findall(r'<li class="[^"]*"><a href="([^"]*)"', found)
-    assert any('model-quantities' in link for link in results), found[-3000:]
-    assert any('reference/pfd_core' in link for link in results)
-    nothing = elements(site / 'search.html', tmp_path, '?q=zygomorphic')
-    assert 'did not match any documents' in nothing
+    with opened((site / 'index.html').as_uri(), tmp_path) as page:
+
+        def text() -> str:
+            return str(page.value('document.body.innerText'))
+
+        wait_until(lambda: 'A simulated robot arm for ROS 2 Jazzy' in text(), text)
+        search = (site / 'search.html').as_uri()
+        page.call('Page.navigate', url=f'{search}?q=payload')
+        links = "JSON.stringify([...document.querySelectorAll('.search li a')].map((a) => a.href))"
+        wait_until(lambda: 'model-quantities' in str(page.value(links)), text)
+        wait_until(lambda: 'reference/pfd_core' in str(page.value(links)), text)
+        page.call('Page.navigate', url=f'{search}?q=zygomorphic')
+        wait_until(lambda: 'did not match any documents' in text(), text)
+        assert page.console == []

@@ -11,8 +11,7 @@ import signal
 from typing import Any
 
 from bridge import ShownLog, ViewPlayer, export_view, view_address, view_page
-from browser import needs_browser
-from devtools import Page, opened, red
+from devtools import Page, needs_browser, opened, red
 import numpy as np
 import pytest
 from ros_processes import Peer, Processes, call
@@ -24,6 +23,8 @@ pytestmark = [pytest.mark.slow, needs_browser]
 HANGING = 10.0
 # Parts of a picture: an arm, and an arrow.
 LEAST, ARROW = 0.005, 0.0005
+# Swiftshader draws each pixel on a processor.
+SIZE = 800, 500
 
 
 @pytest.fixture
@@ -72,7 +73,7 @@ def test_the_arm_of_a_log_is_in_the_page_and_moves_with_time_and_its_push_is_see
     with view_page(0, 'test') as server:
         player = ViewPlayer(server.gui, log.time, log.fill(server))
         player.advance(0.0)
-        with opened(view_address(server), tmp_path / 'profile') as shown:
+        with opened(view_address(server), tmp_path / 'profile', SIZE) as shown:
             low = seen(shown)
             assert red(shown) < ARROW
             player.seek(HANGING)
@@ -86,14 +87,14 @@ def test_the_arm_of_a_log_is_in_the_page_and_moves_with_time_and_its_push_is_see
             assert text.count('State forward') == 1
             assert 'Share' not in text
             assert shown.console == []
-    assert height(high) > height(low) + 50
+    assert height(high) > height(low) + 25
 
 
 def test_the_exported_page_plays_from_disk_without_network(log: ShownLog, tmp_path: Path) -> None:
     target = tmp_path / 'arm.html'
     export_view(target, float(log.time[-1]), log.fill)
     assert not re.findall(r'(?:src|href)="(?:https?:)?//', target.read_text(encoding='utf-8'))
-    with opened(target.as_uri(), tmp_path / 'profile') as shown:
+    with opened(target.as_uri(), tmp_path / 'profile', SIZE) as shown:
         # It plays by itself, from its start and again and again.
         seen(shown, seen(shown))
         assert shown.console == []
@@ -116,7 +117,7 @@ def test_the_page_of_a_running_arm_shows_a_force_until_it_is_cleared(
     peer = peer_of(processes)
     hand = peer.node.create_publisher(WrenchStamped, '/sim_arm/external_wrench', 1)
     peer.wait(lambda: hand.get_subscription_count() == 1)
-    with opened(url, tmp_path / 'profile') as shown:
+    with opened(url, tmp_path / 'profile', SIZE) as shown:
         wait_until(lambda: 'Scale: 1 m = ' in (shown.value('document.body.innerText') or ''))
         assert red(shown) < ARROW
         message = WrenchStamped()

@@ -91,12 +91,12 @@ def extras() -> Iterator[Finding]:
         absent = [] if any(metadata.distributions(name=package)) else [package]
         missing.setdefault(extra, []).extend(absent)
     for extra, names in missing.items():
-        text = 'installed'
+        use, cure = EXTRAS.get(extra, extra), f"pip install '{PACKAGE}[{extra}]'"
+        text = (
+            f'{", ".join(names)} not installed; needed for {use}: {cure}' if names else 'installed'
+        )
         if names and extra == 'ros' and importlib.util.find_spec('rclpy'):
             text = 'the ROS 2 of this machine'
-        elif names:
-            use, cure = EXTRAS.get(extra, extra), f"pip install '{PACKAGE}[{extra}]'"
-            text = f'{", ".join(names)} not installed; needed for {use}: {cure}'
         yield Finding('extra', f'{extra}: {text}')
 
 
@@ -131,9 +131,8 @@ def cache() -> Iterator[Finding]:
 def bare_timer(period: float, length: float) -> NDArray[np.float64]:
     """Return the periods [s] of a loop that skips those that have passed at a wake-up."""
     woke = [time.monotonic()]
-    end = due = woke[0]
-    end += length
-    while woke[-1] < end:
+    due = woke[0]
+    while woke[-1] < woke[0] + length:
         due += period * max(1.0, np.ceil((woke[-1] - due) / period))
         time.sleep(max(due - time.monotonic(), 0.0))
         woke.append(time.monotonic())
@@ -144,10 +143,10 @@ def clock() -> Iterator[Finding]:
     """Yield how punctual a loop of 1 kHz is, which bounds the real-time rate of the node."""
     periods = bare_timer(PERIOD, LENGTH) * 1e3
     due = round(LENGTH / PERIOD)
+    middle, most, longest = np.quantile(periods, (0.5, 0.99, 1.0))
     text = (
         f'a loop of {1 / PERIOD:.0f} Hz woke {len(periods)} times in {LENGTH:g} s, expected {due};'
-        f' periods of {np.median(periods):.3f} ms, 99 % up to {np.quantile(periods, 0.99):.3f} ms,'
-        f' longest {np.max(periods):.3f} ms'
+        f' periods of {middle:.3f} ms, 99 % up to {most:.3f} ms, longest {longest:.3f} ms'
     )
     if len(periods) < (1 - MISSED) * due:
         text += ': a busy machine; lockstep runs are not affected'
@@ -170,8 +169,7 @@ def dds() -> Iterator[Finding]:
     except subprocess.TimeoutExpired as error:
         works, why = False, str(error)
     text = why or f'no message within {DISCOVERY:g} s; is a firewall on?'
-    if works:
-        text = f'message received by another process after {float(why.split()[-1]):.2f} s'
+    text = f'message received by another process after {why.split()[-1]} s' if works else text
     domain = os.environ.get('ROS_DOMAIN_ID', '0')
     yield Finding('dds', f'domain {domain}: {text}', failed=not works)
 

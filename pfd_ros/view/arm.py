@@ -86,20 +86,11 @@ def triangles(mesh: trimesh.Trimesh) -> tuple[Array, Array]:
 
 
 class Stage:
-    """
-    An arm with its loads in an empty page.
+    """An arm with its loads in the empty page of a viser server.
 
-    Parameters
-    ----------
-    server : viser.ViserServer
-        The page.
-    urdf, drawing
-        The model, and what is drawn of it.
-    joints : sequence of str, optional
-        The joints whose positions will be shown; default all that move and mimic no other one.
-    largest : ndarray, (joints,), optional
-        Effort at which a joint without an effort limit has the colour of the limit.
-
+    `joints` are those whose positions will be shown, by default all that move and mimic no other
+    one. `largest` is the effort (joints,) at which a joint without an effort limit has the colour
+    of the limit.
     """
 
     def __init__(
@@ -142,11 +133,7 @@ class Stage:
         wrench: Load | None = None,
         payload: Load | None = None,
     ) -> None:
-        """
-        Show positions and efforts (joints,), NaN for an unknown one, and the loads on a link.
-
-        Units are rad, m and N m, N.
-        """
+        """Show positions [rad, m], efforts [N m, N] (NaN: unknown), and loads on links."""
         with self._server.atomic():
             frames = self.poses.at(q)
             self._move(frames)

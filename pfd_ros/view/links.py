@@ -77,18 +77,11 @@ def reach_of(urdf: pfd.Urdf) -> float:
 
 
 class LinkPoses:
-    """
-    The frames of all links in the frame of the root, as functions of positions of some joints.
+    """The frames of all links in the frame of the root, as functions of positions of some joints.
 
     Joints that mimic these joints follow, others are at 0. ValueError if the links are no tree.
-
-    Attributes
-    ----------
-    links : tuple of str
-        Names of the links, a parent before its children.
-    tip : str
-        The link at the end of the longest chain of the given joints, and of links fixed to it.
-
+    `links` has a parent before its children, and `tip` is the link at the end of the longest chain
+    of the given joints, and of links fixed to it.
     """
 
     def __init__(self, urdf: pfd.Urdf, joints: Sequence[str]) -> None:

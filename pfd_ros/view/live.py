@@ -108,21 +108,13 @@ def model_of(node: Node, arm: str, topics: dict[str, str]) -> tuple[pfd.Urdf, Pa
         executor.shutdown()
     raise ValueError(
         f'no model within {MODEL_SECONDS:g} s: nothing on {topic}, and no node {arm} with the '
-        f'parameter `robot` {_where(node, topics[STATES])}; start the arm, or name the robot with '
-        '--robot'
+        f'parameter `robot` {_domain()}; start the arm, name another one with --node, or its '
+        'robot with --robot'
     )
 
 
-def _where(node: Node, states: str) -> str:
-    """Return the domain, and a hint at other topics of joint states in it."""
-    found = [
-        name
-        for name, kinds in node.get_topic_names_and_types()
-        if name != states and 'sensor_msgs/msg/JointState' in kinds
-        if name.endswith(f'/{STATES}') and node.count_publishers(name)
-    ]
-    hint = f' (joint states are on {listed(found)}: --node names an arm)' if found else ''
-    return f'in ROS_DOMAIN_ID {os.environ.get("ROS_DOMAIN_ID", "0")}{hint}'
+def _domain() -> str:
+    return f'in ROS_DOMAIN_ID {os.environ.get("ROS_DOMAIN_ID", "0")}'
 
 
 def follow(
@@ -153,7 +145,7 @@ def follow(
                 quiet_after = None
                 report(
                     f'no message on {states} for {QUIET_SECONDS:g} s: is the arm running '
-                    f'{_where(node, states)}?'
+                    f'{_domain()}? --node names another one'
                 )
     finally:
         executor.shutdown()

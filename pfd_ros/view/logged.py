@@ -35,7 +35,7 @@ SAMPLES, POINTS = 50, 2000
 
 
 class ShownLog:
-    """The motion of an arm in a log, with N states.
+    """The motion of an arm in a log, with N states, of the joints that log and model have.
 
     Parameters
     ----------
@@ -46,34 +46,12 @@ class ShownLog:
     topic
         The topic of joint states; default: joint_states, or else the one with most joints of the
         model.
-    packages
-        As `Meshes` takes them.
-    rename
-        As `renamed` takes it.
+    packages, rename
+        As `Meshes` and `renamed` take them.
     wrench_topic
         A topic of wrenches, in place of the one by its role or name.
     other
         The model of a log that has none.
-
-    Attributes
-    ----------
-    urdf, drawing, poses
-        The model, what is drawn of it, and the frames of its links.
-    joints
-        Joints of the model that the log names.
-    time, start
-        Times from the first state [s], (N,), not decreasing; and its own, as the log has it.
-    position, effort
-        (N, joints) [rad, m], [N m, N]. A value that a message lacks is the one before, or 0;
-        efforts without any value are NaN.
-    wrench, payload
-        What acts on the last link in each state, (N,), None for nothing.
-    tip
-        The link whose path is drawn.
-    problems
-        What the log or its model lacks, a line each.
-    unreadable
-        Number of joint states that cannot be decoded.
 
     Raises
     ------
@@ -116,8 +94,10 @@ class ShownLog:
             ns = stamps[order]
         else:
             problems['the stamps do not increase: times are log times'] = None
+        # From the first state [s], (N,), not decreasing; and its time, as the log has it.
         self.time, self.start = (ns - ns[0]) / NANOSECONDS, float(ns[0] / NANOSECONDS)
         columns = [states.names.index(name) for name in self.joints]
+        # (N, joints) [rad, m], [N m, N]; efforts without any value are NaN.
         position, self.effort = (
             _filled(getattr(states, item)[order][:, columns]) for item in ('position', 'effort')
         )

@@ -49,17 +49,11 @@ Painted = tuple[trimesh.Trimesh, Colour | None]
 
 
 class Meshes:
-    """
-    The meshes of a URDF, each file read once, within bounds for all of them together.
+    """The meshes of a URDF, each file read once, within bounds for all of them together.
 
-    Parameters
-    ----------
-    folder : Path or None
-        Folder of the URDF, from which relative paths start; None for a URDF without a file.
-    packages : tuple of Path
-        Folders of packages, or folders that contain packages. They precede the packages of the
-        environment (AMENT_PREFIX_PATH, ROS_PACKAGE_PATH) and those around the URDF.
-
+    Relative paths start from the folder of the URDF, None for a URDF without a file. `packages`
+    are folders of packages, or folders that contain packages. They precede the packages of the
+    environment (AMENT_PREFIX_PATH, ROS_PACKAGE_PATH) and those around the URDF.
     """
 
     def __init__(self, folder: Path | None = None, packages: tuple[Path, ...] = ()) -> None:

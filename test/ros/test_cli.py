@@ -168,7 +168,8 @@ LOGS: dict[str, tuple[int, str, str]] = {
     'view whole.mcap --export a.html --rename shoulder=a elbow=b': (1, '', r"\['a', 'b'\]"),
     'view whole.mcap --export a.html --package-path no': (1, '', r"must be a folder, got 'no'"),
     'view whole.mcap --export no/a.html': (1, '', r'^pfd view: no/a\.html: No such file'),
-    'view whole.mcap --node /sim_arm': (1, '', r"takes no \['--node'\]"),
+    'view whole.mcap --node /sim_arm --live': (1, '', r"of a log takes no \['--live', '--node'\]"),
+    'view --export a.html': (1, '', r"takes no \['--export'\]|needs ROS 2"),
 }
 
 

@@ -24,7 +24,7 @@ HANGING = 10.0
 # Parts of a picture: an arm, and an arrow.
 LEAST, ARROW = 0.005, 0.0005
 # Swiftshader draws each pixel on a processor.
-SIZE = 800, 500
+SIZE = 1200, 750
 
 
 @pytest.fixture
@@ -87,7 +87,7 @@ def test_the_arm_of_a_log_is_in_the_page_and_moves_with_time_and_its_push_is_see
             assert text.count('State forward') == 1
             assert 'Share' not in text
             assert shown.console == []
-    assert height(high) > height(low) + 25
+    assert height(high) > height(low) + 40
 
 
 def test_the_exported_page_plays_from_disk_without_network(log: ShownLog, tmp_path: Path) -> None:

@@ -4,18 +4,14 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-import re
 from typing import Any
 
 from logs import STORE, rosbag2
-import msgspec
 import numpy as np
 import pinocchio as pin
 from ros_processes import example_robot
-import zstandard
 
 import pfd_core as pfd
 
@@ -149,26 +145,3 @@ class Nodes:
             w, x, y, z = node.wxyz
             found = found * pin.SE3(pin.Quaternion(w, x, y, z).matrix(), np.array(node.position))
         return found
-
-
-class Exported:
-    """The messages in an exported page, by their time."""
-
-    def __init__(self, path: Path) -> None:
-        found = re.search(r'__VISER_EMBED_DATA__="([^"]*)"', path.read_text(encoding='utf-8'))
-        assert found is not None
-        data = base64.b64decode(found[1])
-        size = int.from_bytes(data[:8], 'little')
-        raw = zstandard.ZstdDecompressor().decompress(data[8:], max_output_size=size)
-        header = 8 + int.from_bytes(raw[:8], 'little')
-        decoded = msgspec.msgpack.decode(raw[8:header])
-        self.duration = decoded['durationSeconds']
-        self.messages = decoded['messages']
-
-    def positions(self, node: str) -> list[tuple[float, list[float]]]:
-        """Return the times [s] and positions of a node."""
-        return [
-            (time, message['position'])
-            for time, message in self.messages
-            if message.get('name') == node and message['type'] == 'SetPositionMessage'
-        ]

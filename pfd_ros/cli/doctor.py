@@ -91,12 +91,12 @@ def extras() -> Iterator[Finding]:
         absent = [] if any(metadata.distributions(name=package)) else [package]
         missing.setdefault(extra, []).extend(absent)
     for extra, names in missing.items():
-        use, cure = EXTRAS.get(extra, extra), f"pip install '{PACKAGE}[{extra}]'"
-        text = (
-            f'{", ".join(names)} not installed; needed for {use}: {cure}' if names else 'installed'
-        )
+        text = 'installed'
         if names and extra == 'ros' and importlib.util.find_spec('rclpy'):
             text = 'the ROS 2 of this machine'
+        elif names:
+            use, cure = EXTRAS.get(extra, extra), f"pip install '{PACKAGE}[{extra}]'"
+            text = f'{", ".join(names)} not installed; needed for {use}: {cure}'
         yield Finding('extra', f'{extra}: {text}')
 
 
@@ -169,7 +169,11 @@ def dds() -> Iterator[Finding]:
     except subprocess.TimeoutExpired as error:
         works, why = False, str(error)
     text = why or f'no message within {DISCOVERY:g} s; is a firewall on?'
-    text = f'message received by another process after {why.split()[-1]} s' if works else text
+    text = (
+        f'message received by another process after {float(why.split()[-1]):.2f} s'
+        if works
+        else text
+    )
     domain = os.environ.get('ROS_DOMAIN_ID', '0')
     yield Finding('dds', f'domain {domain}: {text}', failed=not works)
 

@@ -13,6 +13,7 @@ from typing import Any
 
 from bridge import (
     FEW_JOINTS,
+    ITERATION_TOLERANCES,
     MANY_JOINTS,
     STEP_KIND,
     KernelSpec,
@@ -249,10 +250,11 @@ def emulated(
     plant: Plant, method: str, steps: int, dtype: str, states: dict[str, Array]
 ) -> tuple[Array, Array]:
     """Return qdd, (B, n), and its estimated error, (B,), as kernels compute them."""
+    stop = ITERATION_TOLERANCES[dtype]
     with np.errstate(all='ignore'):
-        program = lower_program(record_refined(plant, method, steps), dtype, ['qdd']).compiled
-        qdd = run_program(program, states, dtype)['qdd']
-        program = lower_program(record_error(plant, method, dtype), dtype).compiled
+        recorded = record_refined(plant, method, steps, stop)
+        qdd = run_program(lower_program(recorded, dtype, ['qdd']).compiled, states, dtype)['qdd']
+        program = lower_program(record_error(plant, method, dtype, stop), dtype).compiled
         error = run_program(program, states | {'qdd': qdd}, dtype)['error']
     return qdd, error[:, 0].astype(np.float64)
 

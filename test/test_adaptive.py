@@ -15,10 +15,8 @@ import bridge
 from contact_oracle import Motion, random_case, random_start
 import mpmath
 import numpy as np
-from numpy.polynomial import Polynomial
 import pytest
 from sampling import one_fast
-from scipy.optimize import brentq
 import yaml
 from zoo import Array, random_chain, slider
 
@@ -351,30 +349,6 @@ def bounced(q: float, t: float) -> float:
     root = np.sqrt(1 + q)
     left = t - 1 - root
     return root * left - left**2
-
-
-@pytest.mark.parametrize('rtol', one_fast([1e-1, 1e-3, 1e-9, 1e-13], 1e-3))
-def test_a_block_driven_to_and_fro_from_rest_is_released_at_each_turn(rtol: float) -> None:
-    # Under the torque v' less friction F it does not rest, and a step may be as long as the run:
-    # its velocity is v(t) -+ F t + c.
-    v = Polynomial.fromroots([0.0, 1.0, 2.0, 3.0])
-    friction, duration = 0.01, 3.5
-    turns, sign, rest = [], -1.0, v + Polynomial([0.0, friction])
-    for near in (1.0, 2.0, 3.0):
-        turns.append(brentq(rest, near - 0.2, near + 0.2))
-        rest += 2 * sign * friction * Polynomial([-turns[-1], 1.0])
-        sign = -sign
-    run = pfd.integrate(
-        slider(1, 0),
-        lambda t, q, qd: [v.deriv()(t)],
-        duration,
-        scene=pfd.Scene(gravity=None, friction=[friction]),
-        rtol=rtol,
-        atol=rtol,
-    )
-    assert run.status == 'ok'
-    np.testing.assert_allclose(run.events, turns, rtol=0, atol=1e-12)
-    assert run.qd[-1, 0] == pytest.approx(rest(duration), abs=1e-11)
 
 
 def test_motors_brakes_and_wrench_act_in_a_scene_with_events_as_in_the_simulator() -> None:

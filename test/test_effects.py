@@ -22,7 +22,6 @@ from bridge import (
     Effect,
     KernelSpec,
     Recorder,
-    record_derivatives,
     record_inverse_dynamics,
     resolve_plant,
     run_program,
@@ -43,7 +42,6 @@ import pfd_core as pfd
 DIGITS = 50
 # Half a step of central differences in 50 digits: their error is its square.
 TINY = mp.mpf(10) ** -15
-DIFFERENCES = 1e-26
 # A kernel, or a linearised step, in float64, relative to the largest element.
 KERNEL = ACCELERATION
 STATE = ('q', 'qd', 'tau')
@@ -317,32 +315,6 @@ def test_linearised_steps_have_every_effect(name: str) -> None:
     simulator = pfd.Simulator(robot(), scene, step_size=H, substeps=1, integrator='rk4')
     answer = np.hstack(simulator.linearize(*at, wrench))
     assert_equal(answer, exact(robot(), scene, 'rk4', H, 1, at, wrench))
-
-
-@pytest.mark.parametrize('name', INSTANT)
-def test_the_power_of_the_effect_is_what_the_energy_changes_by(name: str) -> None:
-    effect, scene = INSTANT[name], scene_of(name)
-    program = pfd.QUANTITIES['energy'](resolve_plant(robot(), scene))
-    factors = record_derivatives(resolve_plant(robot(), scene))
-    with mp.workdps(DIGITS):
-        # A brake that closes on a moving joint is an impact.
-        braked = np.where(BRAKED, 0.0, 1.0) if name == 'brakes' else np.ones(N)
-        at = moved(state() | {'qd': state()['qd'] * braked})
-        given = {k: x for k, x in (at | {'free': 1.0 - BRAKED}).items() if k in factors.inputs}
-        qdd = run_program(factors, given, digits=DIGITS)['qdd']
-        up, down = (
-            energy(program, moved(at, q=at['q'] + s * at['qd'], qd=at['qd'] + s * qdd)).sum()
-            for s in (TINY, -TINY)
-        )
-        power = at['qd'] @ limited(name, at['tau'], at['qd'])
-        if effect.acts == JOINT_VALUES and effect.potential is None and not effect.inertia:
-            power -= at['qd'] @ of_record(effect, scene, at)
-        if name == 'external wrench':
-            without_wrench = torques(name, moved(at, wrench=fifty(np.zeros(6))))
-            power -= at['qd'] @ (torques(name, at) - without_wrench)
-        # Compensation and the wrench have parameters of their own, rounded to float64.
-        balance = DIFFERENCES if effect.acts == JOINT_VALUES else KERNEL
-        assert_equal((up - down) / (2 * TINY), power, balance)
 
 
 @pytest.mark.parametrize('name', one_fast(OVER_A_STEP))

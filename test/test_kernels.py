@@ -17,7 +17,6 @@ import subprocess
 import sys
 import threading
 import time
-from types import SimpleNamespace
 from typing import Any
 
 import bridge
@@ -314,20 +313,6 @@ def test_a_kernel_has_the_bits_of_the_emulator_alone_and_in_any_batch(
     np.testing.assert_array_equal(call(kernel, stacked), wanted[:36].reshape(4, 9, *shape))
 
 
-def test_a_result_at_any_stride_is_written_in_place() -> None:
-    kernel = pfd.compile_kernel(pfd.load_robot('ur5'), quantity='inertia_matrix')
-    q = arguments(kernel)['q']
-    wanted = kernel(q)
-    for out in (
-        np.empty((6, COUNT, 6)).transpose(1, 2, 0),
-        np.empty((COUNT, 6, 12))[:, :, ::2],
-        np.empty((36, COUNT)).T.reshape(COUNT, 6, 6),
-    ):
-        assert kernel(q, out=out) is out
-        np.testing.assert_array_equal(out, wanted)
-    assert kernel(np.asfortranarray(q)).strides[0] == 8
-
-
 def test_effects_that_a_quantity_does_not_have_are_left_out_of_its_scene() -> None:
     robot = pfd.load_robot('ur5')
     whole = pfd.Scene(damping=[0.1] * 6, brakes=True, friction=[1.0] * 6, armature=[0.2] * 6)
@@ -547,22 +532,6 @@ def test_a_call_is_computed_or_refused_with_the_argument_named(call: str, batch:
     assert isinstance(same, np.ndarray), f'computed, not {wanted}'
     np.testing.assert_array_equal(found, same)
     assert np.isfinite(found).all() == ('1e200' not in call) or np.isnan(same).any()
-
-
-@pytest.mark.parametrize('value', [np.nan, np.inf])
-def test_one_state_that_is_refused_leaves_the_result_as_it_was(value: float) -> None:
-    own = SimpleNamespace(**scope(False))
-    with pytest.raises(ValueError, match='qd must be finite'):
-        own.k(own.q, bad(own.qd, value), own.tau, out=own.out)
-    assert not own.out.any()
-
-
-@pytest.mark.parametrize('shape', [(0, 6), (0, 3, 6)])
-def test_a_batch_without_states_has_a_result_without_states(shape: tuple[int, ...]) -> None:
-    empty, out = np.zeros(shape), np.zeros(shape)
-    kernel = kernels()['k']
-    assert kernel(empty, empty, empty).shape == shape
-    assert kernel(empty, empty, empty, out=out) is out
 
 
 @pytest.mark.parametrize(

@@ -286,26 +286,6 @@ def test_tests_reach_internals_only_through_the_bridge() -> None:
     assert not found, '\n'.join(found)
 
 
-@pytest.mark.parametrize(
-    'text',
-    [
-        'import pfd_core.machine.emulator as emulator',
-        'from pfd_core.machine.emulator import run',
-        'from pfd_core import machine',
-        'def test_it():\n    from pfd_ros.node import main',
-        "monkeypatch.setattr('pfd_ros.cli.replay.run', None)",
-        "monkeypatch.setattr(f'pfd_ros.view.shapes.{bound}', 1)",
-    ],
-)
-def test_the_check_finds_an_internal_name_in_a_test(text: str) -> None:
-    assert len(list(internals(text))) == 1
-
-
-def test_public_names_are_no_internals() -> None:
-    text = 'import pfd_core as pfd\nfrom pfd_core import Robot\nfrom pfd_ros import read_log\n'
-    assert not list(internals(f'{text}from pfd_ros.testing import LockstepArm'))
-
-
 def taken_from_bridge(text: str) -> Iterator[str]:
     """Yield each name that the source of a test takes from the bridge, in one of its ways."""
     for node in ast.walk(ast.parse(text)):
@@ -332,34 +312,6 @@ def test_every_name_of_the_bridge_exists_and_is_used() -> None:
         if has_ros or not path.startswith('pfd_ros.node.'):
             owner, attribute = bridge.target(name)
             assert hasattr(owner, attribute), name
-
-
-@pytest.mark.parametrize(
-    ('module', 'text'),
-    [
-        ('pfd_core.machine.wrong', 'from pfd_core.kernels import kernel'),
-        ('pfd_core.dynamics.wrong', 'from pfd_core.paper.composite import record_terms'),
-        ('pfd_core.kernels.lower', 'from pfd_core.kernels import recipes'),
-        ('pfd_core.kernels.script', 'from pfd_core.kernels import simulate'),
-        ('pfd_core.model.wrong', 'import llvmlite.binding'),
-        ('pfd_ros.arm.wrong', 'from rclpy.node import Node'),
-        ('pfd_ros.recording.wrong', 'from pfd_ros.replay import verify'),
-    ],
-)
-def test_the_check_finds_an_import_that_points_backwards(
-    module: str, text: str, tmp_path: Path
-) -> None:
-    path = tmp_path / 'wrong.py'
-    path.write_text(text)
-    assert len(list(violations({module: path}))) == 1
-
-
-def test_the_check_finds_a_circle(tmp_path: Path) -> None:
-    found = {'pfd_core.one': tmp_path / 'one.py', 'pfd_core.two': tmp_path / 'two.py'}
-    found['pfd_core.one'].write_text('from pfd_core.two import x')
-    found['pfd_core.two'].write_text('import pfd_core.one')
-    with pytest.raises(ValueError, match='cycle'):
-        circle(found)
 
 
 # Modules and lines of pfd_core that a process imports to compile a kernel of a UR5, at most; no

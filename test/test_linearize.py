@@ -13,7 +13,6 @@ from exact_steps import INTEGRATORS, exact
 import mpmath
 import numpy as np
 import pytest
-from sampling import one_fast
 from zoo import random_chain, slider
 
 import pfd_core as pfd
@@ -23,10 +22,6 @@ EXACT = 1e-13
 # Central differences of a step in float64: u^(2/3) and its scale; of one with an event, whose
 # time is rounded.
 DIFFERENCES, EVENT = 1e-6, 1e-4
-# One-sided differences: the second derivative, and roundings over the change.
-ONE_SIDED = 1e-5
-# Smaller hops of a joint off its stop are none in a simulation.
-HOP = 1e-5
 H = 2e-3
 
 
@@ -124,70 +119,6 @@ ROUGHLY = pfd.Scene(
     static_friction=[2.0, 50.0],
     joint_limits=[[-1.0, 1.0], [-2.0, 2.0]],
 )
-
-
-ELBOW_STOPS = [[-np.inf, np.inf], [0.3, 2.0]]
-# A two-link arm whose elbow rests at 0.3 rad, and torques at the elbow besides gravity's 2.26 N m.
-# The changes of the elbow's position and velocity of which A has the slope, or the mean of both
-# slopes; the status, the scene, and the torque.
-SIGNS = {'+': 1, '-': -1}
-BREAKS = {'friction': [0.0, 2.0], 'static_friction': [0.0, 20.0]}
-RESTING: dict[str, tuple[str, str, str, dict[str, Any], float]] = {
-    'friction that can hold twice the load': ('+-', '+-', 'held', {'friction': [0, 20.0]}, 10.0),
-    'friction that falls with the speed': (
-        *('+-', '+-', 'held'),
-        BREAKS | {'stribeck_velocity': [1.0, 1.0]},
-        10.0,
-    ),
-    'friction that falls at once below the load': ('+-', '-', 'one_sided', BREAKS, 10.0),
-    'a stop without restitution': ('-', '+-', 'one_sided', {'joint_limits': ELBOW_STOPS}, -40.0),
-    'a stop with restitution': (
-        *('-', '+-', 'one_sided'),
-        {'joint_limits': ELBOW_STOPS, 'restitution': 0.5},
-        -40.0,
-    ),
-    'friction at a stop': (
-        *('+-', '+-', 'held'),
-        {'friction': [0.0, 20.0], 'joint_limits': ELBOW_STOPS},
-        10.0,
-    ),
-    'a stop that carries nothing': (
-        *('+-', 'mean', 'one_sided'),
-        {'gravity': None, 'joint_limits': ELBOW_STOPS},
-        0.0,
-    ),
-}
-
-
-@pytest.mark.parametrize('case', one_fast(RESTING, 'friction that falls at once below the load'))
-def test_columns_of_a_held_joint_are_the_derivatives_of_the_step(case: str) -> None:
-    *directions, status, effects, load = RESTING[case]
-    scene = pfd.Scene(**effects)
-    sim = pfd.Simulator(pfd.load_robot('planar2'), scene, integrator='rk4')
-    q = np.array([0.1, 0.3])
-    qd = np.array([0.5 if load else 0.0, 0.0])
-    gravity = pfd.Scene(gravity=scene.gravity)
-    balance = pfd.compile_kernel(sim.robot, scene=gravity, quantity='gravity_torques')(q)
-    tau = balance + np.array([0.0, load])
-    found = sim.linearize(q, qd, tau)
-    assert found.status.tolist() == ['moving', status]
-
-    def end(x: np.ndarray) -> np.ndarray:
-        sim.reset(x[:2], x[2:])
-        sim.step(tau)
-        return np.concatenate([sim.q, sim.qd])
-
-    x = np.concatenate([q, qd])
-    assert abs(found.A[2, 3]) > 0.1
-    for column, signs in zip((1, 3), directions, strict=True):
-        change = 1e-7 if column == 1 else HOP
-        shifts = change * np.eye(4)[column]
-        slopes = {s: (end(x + k * shifts) - end(x)) / (k * change) for s, k in SIGNS.items()}
-        if signs == 'mean':
-            slopes, signs = {'+': (slopes['+'] + slopes['-']) / 2}, '+'
-        for sign, slope in slopes.items():
-            apart = np.abs(slope - found.A[:, column]).max()
-            assert (apart <= ONE_SIDED) == (sign in signs), (column, sign, slope)
 
 
 def test_a_and_b_of_a_step_with_too_many_events_are_nan() -> None:

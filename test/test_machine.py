@@ -4,29 +4,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-import ctypes
 from fractions import Fraction
 from itertools import pairwise
 import math
-from typing import Any
 
 import bridge
 from bridge import (
-    FUSED_REACH,
     MACHINE_SCHEDULES,
     Instruction,
     Lanes,
-    Optimisation,
     ProgramOutput,
     Recorder,
     can_be_ordered,
-    compile_kept,
     eliminate_dead_code,
     fold_program,
     fuse_program,
     fused_multiply_add,
-    host_target,
     iterate,
     lane_cos,
     lane_merge,
@@ -44,7 +37,6 @@ import mpmath
 import numpy as np
 from oracle import assert_bits_of_the_emulator
 import pytest
-from sampling import one_fast
 from zoo import random_chain
 
 import pfd_core as pfd
@@ -187,30 +179,7 @@ def test_a_loop_ends_when_its_number_falls_to_zero(schedule: str) -> None:
     assert y[4] == iterations
 
 
-def test_an_observer_sees_the_state_before_the_loop_and_after_each_iteration() -> None:
-    q = np.array([[2.0, 9.0], [1.0, 1.0]])
-    seen: list[np.ndarray] = []
-    result = run_program(
-        roots(2, 'parallel'), {'q': q}, observe=lambda rows: seen.append(rows[0].T)
-    )
-    iterations = result['y'][:, -1]
-    assert len(seen) == iterations.max() + 1
-    np.testing.assert_array_equal(seen[0], q)
-    for state, count in enumerate(iterations):
-        # A finished problem keeps its state while the other continues.
-        np.testing.assert_array_equal(seen[int(count)][state], seen[-1][state])
-        x = q[state]
-        for row in seen[1 : int(count) + 1]:
-            x = 0.5 * (x + q[state] / x)
-            np.testing.assert_array_equal(row[state], x)
-
-
 # ---- the fused multiply-add ----
-
-
-def compile_ir(ir: str, functions: Sequence[str]) -> Any:
-    """Return native code of a module, which has the addresses of some functions by name."""
-    return compile_kept(('IR', ir), lambda: (ir, Optimisation(), {}), functions, dict)
 
 
 Triple = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -251,21 +220,6 @@ def everywhere(dtype: str, count: int, rng: np.random.Generator) -> Triple:
     return a, b, c
 
 
-def native(dtype: str) -> ctypes._FuncPointer:
-    """Return what LLVM makes of a fused multiply-add."""
-    t, suffix = {'float64': ('double', 'f64'), 'float32': ('float', 'f32')}[dtype]
-    ir = (
-        f'declare {t} @llvm.fma.{suffix}({t}, {t}, {t})\n'
-        f'define {t} @f({t} %a, {t} %b, {t} %c) {{\n'
-        f'%r = call {t} @llvm.fma.{suffix}({t} %a, {t} %b, {t} %c)\nret {t} %r }}'
-    )
-    code = compile_ir(ir, ['f'])
-    number = {'double': ctypes.c_double, 'float': ctypes.c_float}[t]
-    function = ctypes.CFUNCTYPE(number, number, number, number)(code['f'])
-    function.code = code
-    return function
-
-
 FORMATS = ('float64', 'float32')
 
 
@@ -292,28 +246,6 @@ def test_a_fused_product_rounds_once_as_exact_fractions_do(dtype: str, kind) -> 
         assert math.copysign(1, value) == math.copysign(1, wanted) or value == 0
 
 
-@pytest.mark.parametrize('dtype', FORMATS)
-def test_native_code_gives_the_same_bits(dtype: str) -> None:
-    function = native(dtype)
-    info = np.finfo(dtype)
-    tiny, large = float(info.smallest_subnormal), float(info.max)
-    special = [0.0, -0.0, 1.0, -1.0, math.inf, -math.inf, math.nan, tiny, -tiny, large, -large]
-    special += [float(info.tiny), 0.5, 3.0, FUSED_REACH if dtype == 'float64' else 2.0**64]
-    grid = [axis.ravel() for axis in np.meshgrid(special, special, special)]
-    triples = [tuple(axis.astype(dtype) for axis in grid)]
-    with np.errstate(under='ignore'):
-        triples += [
-            kind(dtype, 1000, np.random.default_rng(2))
-            for kind in (cancelling, midways, everywhere)
-        ]
-    for a, b, c in triples:
-        wanted = np.array([function(*abc) for abc in zip(a, b, c, strict=True)], dtype)
-        found = fused_multiply_add(a, b, c)
-        np.testing.assert_array_equal(found, wanted)
-        known = ~np.isnan(wanted)
-        np.testing.assert_array_equal(np.signbit(found[known]), np.signbit(wanted[known]))
-
-
 @pytest.mark.parametrize('digits', [None, 50])
 def test_the_emulator_has_it_in_every_format(digits: int | None) -> None:
     inputs = [Instruction('input', (), ((name, 0),)) for name in 'abc']
@@ -328,24 +260,6 @@ def test_the_emulator_has_it_in_every_format(digits: int | None) -> None:
     # The square of 2^-30 is all that is left, and is gone where a product is rounded first.
     assert run_program(program, values, digits=digits)['out'][0] == mpmath.mpf(2) ** -60
     assert a * a - 1 - 2.0**-29 == 0
-
-
-X86 = host_target().triple.startswith('x86_64')
-on_x86 = pytest.mark.skipif(not X86, reason='the processors are of x86-64')
-
-
-@on_x86
-@pytest.mark.parametrize('dtype', one_fast(['float64', 'float32']))
-def test_a_multiply_add_is_rounded_once_on_a_processor_without_one(
-    dtype: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv('PFD_TARGET_CPU', 'x86-64-v2')
-    assert '+fma' not in bridge.current_target().features.split(',')
-    function = native(dtype)
-    for kind in (cancelling, everywhere):
-        for a, b, c in zip(*kind(dtype, 300, np.random.default_rng(3)), strict=True):
-            exact = Fraction(float(a)) * Fraction(float(b)) + Fraction(float(c))
-            assert function(a, b, c) == rounded(exact, dtype)
 
 
 NUMBERS = (0.0, 1.0, -1.0, 2.0, -2.0, 0.5, 0.25, 3.0, -0.7)

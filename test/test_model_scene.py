@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import permutations
-from pathlib import Path
 import pickle
 import re
 import warnings
@@ -229,27 +228,6 @@ def test_a_scene_that_does_not_fit_names_the_joint(
 INF = float('inf')
 
 
-# Files of each effect: test_effects.
-@pytest.mark.parametrize(
-    'scene',
-    [
-        pfd.Scene(),
-        pfd.Scene(gravity=None, gravity_compensation=True, damping='model'),
-        pfd.Scene(joint_limits='model', restitution=0.3, friction='model', torque_speed='model'),
-        pfd.Scene(damping=[np.nextafter(1.0, 2.0), 5e-324, 1e100], friction=[1e-9, 2 / 3, 0]),
-        pfd.Scene(joint_limits=[(-1.0, 2 / 3), (-INF, INF)], effort_limits=(150.0, INF)),
-    ],
-    ids=['default', 'switches', 'models', 'extreme numbers', 'infinite numbers'],
-)
-def test_a_scene_comes_back_the_same(scene: pfd.Scene, tmp_path: Path) -> None:
-    path = tmp_path / 'scene.yaml'
-    scene.save(path)
-    again = pfd.load_scene(path)
-    assert again == scene
-    assert again.digest == scene.digest
-    assert pfd.load_scene(pfd.scene_to_yaml(scene)) == scene
-
-
 def test_a_file_may_be_written_by_hand() -> None:
     text = """
         damping: &ours [0.1, 0.2]   # N m s/rad
@@ -291,19 +269,6 @@ def test_a_file_may_be_written_by_hand() -> None:
 def test_a_wrong_file_is_refused(text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         pfd.load_scene(text + '\n')
-
-
-def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
-    binary = tmp_path / 'scene.yaml'
-    binary.write_bytes(b'\xff\xfe\x00')
-    for source, message in (
-        ('none.yaml', r"no scene file 'none\.yaml' \(looked in"),
-        (tmp_path, r'cannot read .*not a regular file'),
-        (binary, r'cannot read .*scene\.yaml.*utf-8'),
-        (5, 'source must be a path or a YAML string, got 5'),
-    ):
-        with pytest.raises(ValueError, match=message):
-            pfd.load_scene(source)
 
 
 UR5 = pfd.load_robot('ur5')

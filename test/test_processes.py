@@ -8,7 +8,6 @@ import ast
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from itertools import cycle, islice
-import json
 import os
 from pathlib import Path
 import subprocess
@@ -50,41 +49,6 @@ def test_a_child_forked_while_threads_compile_computes_too(
             check=True,
             timeout=FORKING_PATIENCE,
         )
-
-
-# Does some work, and prints the modules that it imports: all of them, and those during whose
-# import the process could be forked.
-IMPORTS = """
-import json, sys
-import computing_processes as process
-from pfd_core.forking import no_fork
-found, open_to_forks = [], []
-class Watch:
-    def find_spec(self, name, *_):
-        found.append(name)
-        if not no_fork._is_owned():
-            open_to_forks.append(name)
-sys.meta_path.insert(0, Watch())
-process.WORK[sys.argv[1]]()
-print(json.dumps([found, open_to_forks]))
-"""
-
-
-@pytest.mark.parametrize(('work', 'module'), [('kernels', 'llvmlite'), ('digits', 'mpmath')])
-def test_computing_imports_modules_only_while_no_process_can_be_forked(
-    work: str, module: str
-) -> None:
-    done = subprocess.run(
-        [sys.executable, '-c', IMPORTS, work],
-        env=os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)},
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=PATIENCE,
-    )
-    found, open_to_forks = json.loads(done.stdout)
-    assert module in found
-    assert not open_to_forks
 
 
 # Standard names that hold a lock while they call back or import.

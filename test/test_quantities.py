@@ -278,16 +278,6 @@ def test_each_rule_agrees_with_differences_for_inputs_equal_operands_and_constan
         assert close(jacobian(program, x, mode), differences(program, {'x': x}, 'y', 'x')), choice
 
 
-@in_both_modes
-def test_a_select_has_the_derivative_of_the_operand_it_selects_and_none_of_its_condition(
-    mode: str,
-) -> None:
-    program = recorded(2, lambda c, x: (lane_where(c, c * c + 3.0 * c, 5.0 * c) + x, x))
-    for c, slope in ((2.0, 7.0), (0.0, 5.0), (-2.0, 5.0)):
-        found = jacobian(program, [c, 3.0], mode, digits=None)
-        np.testing.assert_array_equal(found, [[slope, 1.0], [0.0, 1.0]])
-
-
 def all_operations(x: Lanes, y: Lanes, z: Lanes) -> tuple[Lanes, ...]:
     """Return composite functions of all operations, with shared parts, for |x| < 1."""
     root = lane_sqrt(1.0 - x * x) + y
@@ -319,18 +309,6 @@ def test_composite_functions_agree_with_differences_and_both_modes_with_each_oth
         tangent, adjoint = (jacobian(program, point, mode) for mode in DERIVATIVE_MODES)
         assert close(tangent, differences(program, {'x': point}, 'y', 'x'))
         assert close(tangent, adjoint, FIFTY_DIGITS)
-
-
-@pytest.mark.parametrize('modes', list(product(DERIVATIVE_MODES, repeat=2)))
-def test_second_derivatives_agree_with_differences_of_the_first_and_are_symmetric(
-    modes: tuple[str, str],
-) -> None:
-    first = derivative_program(recorded(3, all_operations), ['y'], ['x'], modes[0])
-    second = derivative_program(first, ['d y/d x'], ['x'], modes[1])
-    point = [mpmath.mpf(v) for v in ('0.3', '1.2', '0.8')]
-    found = run_program(second, {'x': point}, digits=50)['d d y/d x/d x']
-    assert close(found, found.transpose(0, 2, 1), FIFTY_DIGITS)
-    assert close(found, differences(first, {'x': point}, 'd y/d x', 'x'))
 
 
 def test_directional_derivatives_are_products_with_the_jacobian() -> None:
@@ -459,16 +437,6 @@ def test_articulated_bodies_keep_the_inverse_inertia_of_nearly_coaxial_joints() 
     wanted = by_unit_torques(plant, given)
     assert relative(inverse(plant, FACTOR, given), wanted) > 1e-8
     assert relative(inverse(plant, BODIES, given), wanted) < 4 * 2.0**-53
-
-
-def test_braked_joints_have_rows_of_zeros_and_torques_on_them_change_nothing() -> None:
-    for rng, robot in chains(8, seed=47):
-        scene = everything(rng, robot)
-        given = inputs(rng, robot, scene)
-        held = given['free'] == 0
-        found = derivatives(robot, scene, given)
-        assert not found[held].any()
-        assert not found[:, 2 * robot.n :][:, held].any()
 
 
 METHODS = ('composite_body', 'grouped_articulated_body', 'pcgm')

@@ -189,8 +189,14 @@ def fail(*_: object, **__: object) -> None:
     raise KeyError('{0}')
 
 
+def report_often() -> None:
+    bridge.put('REPORT_SECONDS', 0.1)
+    bridge.put('GRAPH_PATIENCE_SECONDS', 2.0)
+    bridge.put('LOST_CLOCK_SECONDS', 1)
+
+
 FAULTS = {
-    'reports_often': lambda: bridge.put('REPORT_SECONDS', 0.1),
+    'reports_often': report_often,
     'stepping_fails': lambda: at_cycle(200, fail),
     'disk_is_slow': lambda: sync_within(0.2),
     'disk_is_dead': lambda: sync_within(6.0),

@@ -4,8 +4,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 import importlib.util
 import itertools
 import os
@@ -16,9 +16,9 @@ import signal
 import subprocess
 import sys
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
-from bridge import DDS_LOOPBACK, ChildProcess, domain_environment, own_domain
+from bridge import DDS_LOOPBACK, ChildProcess, domain_environment, own_domain, verify_log
 from forked_process import ForkedProcess, Job
 import pytest
 from waiting import PATIENCE, wait_until
@@ -257,6 +257,37 @@ class Peer:
         self.executor.shutdown()
         self.node.destroy_node()
         self.context.try_shutdown()
+
+
+class Running(NamedTuple):
+    """A node, and a peer that is connected to it."""
+
+    processes: Processes
+    process: Process
+    peer: Peer
+
+    @property
+    def folder(self) -> Path:
+        return self.processes.folder
+
+
+@contextmanager
+def running(folder: Path, *ros_args: str, fault: str = 'reports_often') -> Iterator[Running]:
+    """Run a node for many tests; it must end with status 0, and its recording must verify."""
+    processes = Processes(folder)
+    peer = None
+    try:
+        process = processes.faulty(fault, *ros_args)
+        peer = Peer(processes.domain)
+        peer.connect()
+        yield Running(processes, process, peer)
+        process.stop()
+        for path in folder.glob('*.mcap'):
+            assert verify_log(path).complete
+    finally:
+        if peer is not None:
+            peer.close()
+        processes.close()
 
 
 def chosen(name: str, value: Any) -> Any:

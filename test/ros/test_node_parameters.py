@@ -356,35 +356,6 @@ def test_a_scene_file_is_read_once_and_recorded(processes: Processes, peer_of) -
     assert pfd.load_scene(text) == scene
 
 
-@pytest.mark.slow
-def test_an_arm_with_a_locked_gripper_runs_and_its_recording_verifies(
-    processes: Processes, peer_of
-) -> None:
-    arm = processes.arm(
-        *('-p', f'robot:={PANDA}'),
-        *('-p', 'locked:=[panda_finger_joint1, panda_finger_joint2]'),
-        *('-p', 'locked_positions:=[0.01, 0.02]'),
-        *('-p', 'recording:=arm.mcap'),
-    )
-    peer = peer_of(processes)
-    peer.connect()
-    arm_joints = [f'panda_joint{i}' for i in range(1, 8)]
-    fingers = ['panda_finger_joint1', 'panda_finger_joint2']
-    peer.command([*arm_joints, *fingers], [0.5] * 9)
-    peer.wait(lambda: peer.states[-1].effort.tolist() == [0.5] * 7 + [0.0] * 2)
-    assert list(peer.states[-1].name) == [*arm_joints, *fingers]
-    assert peer.states[-1].position[7:].tolist() == [0.01, 0.02]
-    peer.command(fingers, [1.0] * 2)
-    arm.wait_for_text('commands for locked joints have no effect: ')
-    arm.wait_for_text('1 messages on /joint_commands rejected: refused (locked: ')
-    arm.stop()
-    path = processes.folder / 'arm.mcap'
-    assert verify_log(path).complete
-    assert RecordedLog(path).settings.locks == dict(zip(fingers, (0.01, 0.02), strict=True))
-    assert arm.text().count('for locked joints have no effect') == 1
-    assert 'unknown' not in arm.text()
-
-
 def test_a_start_says_once_what_warnings_of_the_model_say(processes: Processes) -> None:
     some = ('-p', 'friction:=true', '-p', 'friction.elbow:=1.0')
     arm = processes.arm('-p', 'robot:=planar2', *some)

@@ -208,7 +208,7 @@ def _space_time(rows: Sequence[Row], folder: Path) -> Path:
     }
     block = len(cells) * high + 74
     drawing = Drawing(
-        left + last * wide + 20, len(titles) * block + 40, 'The array, cell by cycle'
+        left + max(ends.values()) * wide + 20, len(titles) * block + 40, 'Cell by cycle'
     )
     for part, (name, title) in enumerate(titles.items()):
         top = part * block + 52

@@ -45,8 +45,8 @@ RUN = {
 }
 # Guides of which one test runs every block.
 RUN_AS_PRINTED = {
-    'docs/guides/alongside-a-controller.md': 'test_guide_alongside_a_controller.py',
-    'docs/guides/first-ten-minutes.md': 'test_guide_first_ten_minutes.py',
+    'docs/guides/alongside-a-controller.md': 'test_ros_guides.py',
+    'docs/guides/first-ten-minutes.md': 'test_ros_guides.py',
 }
 # An option of a synopsis.
 SYNOPSIS = re.compile(r'\[(--[^\[\]]*)(?: \[\w+\])?\]')

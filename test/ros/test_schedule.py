@@ -99,11 +99,12 @@ def test_a_pause_keeps_what_is_late_and_a_rate_acts_from_now_on() -> None:
     schedule.pause(105 * UNIT)
     assert schedule.position_ns(200 * UNIT) == UNIT
     assert drain(schedule, 200 * UNIT) == []
-    assert sends([*schedule.step(200 * UNIT)]) == messages[1:2]
+    assert sends([*schedule.step(200 * UNIT), *schedule.step(200 * UNIT)]) == messages[1:3]
+    assert schedule.position_ns(200 * UNIT) == 2 * UNIT
     schedule.resume(300 * UNIT)
-    assert sends(drain(schedule, 304 * UNIT)) == messages[2:6]
+    assert sends(drain(schedule, 304 * UNIT)) == messages[3:7]
     schedule.set_rate(304 * UNIT, 4.0)
-    assert sends(drain(schedule, 306 * UNIT)) == messages[6:14]
+    assert sends(drain(schedule, 306 * UNIT)) == messages[7:15]
     with pytest.raises(ValueError, match='player is not paused'):
         list(schedule.step(306 * UNIT))
 
@@ -113,15 +114,18 @@ def test_a_seek_sends_the_last_latched_messages_before_it_and_then_goes_on() -> 
     schedule = schedule_of(messages)
     drain(schedule, 0)
     # Forwards, only those that were not sent yet; two jumps before anything is due are one.
-    schedule.seek(5 * UNIT, 3 * UNIT)
-    schedule.seek(5 * UNIT, 20 * UNIT)
+    schedule.seek(5 * UNIT, 14 * UNIT)
+    schedule.seek(5 * UNIT, 16 * UNIT)
     jump, *events = drain(schedule, 5 * UNIT)
-    assert jump == PlayerJump(UNIT, 20 * UNIT, None)
-    assert sends(events) == [messages[15], messages[18], messages[20]]
+    assert jump == PlayerJump(UNIT, 16 * UNIT, None)
+    assert sends(events) == [messages[12], messages[15], messages[16]]
     assert [event.due_ns for event in events] == [None, None, 5 * UNIT]
+    # To the last message that was sent.
+    schedule.seek(6 * UNIT, 16 * UNIT)
+    assert sends(drain(schedule, 6 * UNIT)) == [messages[12], messages[15], messages[16]]
     schedule.seek(6 * UNIT, 4 * UNIT)
     jump, *events = drain(schedule, 6 * UNIT)
-    assert jump == PlayerJump(21 * UNIT, 4 * UNIT, None)
+    assert jump == PlayerJump(16 * UNIT, 4 * UNIT, None)
     assert sends(events) == [messages[0], messages[3], messages[4]]
     assert sends(drain(schedule, 7 * UNIT)) == messages[5:6]
 

@@ -1,14 +1,14 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The engine: events in, one cycle, messages out. No ROS, clock, thread or file.
+"""The engine: inputs in, one cycle, messages out. No ROS, clock, thread or file.
 
-    messages, verdicts = engine.step(events)
+    messages, verdicts = engine.step(inputs)
 
-An event is a message with an input's role. Its rule checks it, and it takes effect in the cycle
-that follows; the messages that come back are the events with that cycle, then the outputs of the
-cycle. While the arm waits (in a pause, in lockstep for an answer, for a tick of a followed clock),
-events are taken and no cycle runs. The same events in the same cycles give the same bytes: a
-recording of the returned messages in their order is a proof of the run.
+The rule of an input checks it, and it takes effect in the cycle that follows; the messages that
+come back are the inputs with that cycle, then the outputs of the cycle. While the arm waits (in a
+pause, in lockstep for an answer, for a tick of a followed clock), inputs are taken and no cycle
+runs. The same inputs in the same cycles give the same bytes: a recording of the returned messages
+in their order is a proof of the run.
 
 A rule changes nothing: it returns the function that changes the state, with its arguments. So
 whatever it raises, the state is as it was; and a rule that is called on another thread ahead, with
@@ -18,35 +18,13 @@ its result thrown away, has compiled all that the change needs.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
 from copy import deepcopy
 
 import pfd_core as pfd
-from pfd_ros.arm import commands, other_inputs, wrench
+from pfd_ros.arm import commands, events, other_inputs, wrench
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.events import (
-    ACCEPTED,
-    ALL,
-    ALL_NAN,
-    ANSWERS,
-    ARRAY,
-    CLOCK_TICKS,
-    COMMANDS,
-    INACTIVE,
-    INPUTS,
-    MOVING,
-    NAMED,
-    PARAMETERS,
-    PAYLOAD,
-    REJECTED,
-    REJECTED_COUNTS,
-    REQUESTS,
-    SET_STATE,
-    WRENCH,
-    Change,
-    Message,
-    RefusedError,
-    Verdict,
-)
+from pfd_ros.arm.events import ACCEPTED, ALL, Change, Message, RefusedError, Verdict
 from pfd_ros.arm.frames import LinkFrames
 from pfd_ros.arm.outputs import Outputs
 from pfd_ros.arm.settings import Settings
@@ -56,14 +34,14 @@ from pfd_ros.messages.text_and_arrays import encode_string
 from pfd_ros.text import cut
 
 RULES: dict[str, Callable[[Arm, bytes], Change]] = {
-    NAMED: commands.named,
-    ARRAY: commands.array,
-    SET_STATE: other_inputs.set_state,
-    REQUESTS: other_inputs.request,
-    PARAMETERS: other_inputs.parameters,
-    WRENCH: wrench.rule,
-    PAYLOAD: other_inputs.payload,
-    CLOCK_TICKS: other_inputs.tick,
+    events.NAMED: commands.named,
+    events.ARRAY: commands.array,
+    events.SET_STATE: other_inputs.set_state,
+    events.REQUESTS: other_inputs.request,
+    events.PARAMETERS: other_inputs.parameters,
+    events.WRENCH: wrench.rule,
+    events.PAYLOAD: other_inputs.payload,
+    events.CLOCK_TICKS: other_inputs.tick,
 }
 # No message that means something is longer.
 LARGEST = 1 << 16
@@ -79,21 +57,10 @@ PER_RUN = frozenset(
 
 
 class Engine(Arm):
-    """The arm, the rules for its events, and its outputs, at the start of a run.
+    """The arm, the rules for its inputs, and its outputs, at the start of a run.
 
-    Parameters
-    ----------
-    settings, robot
-        Of the run.
-    roles
-        What anybody needs: nothing else is encoded, and the arm moves with the same bits.
-    frames
-        The frames of the links, for recordings; None for none.
-
-    Raises
-    ------
-    ValueError
-        If the settings do not go with the robot.
+    Nothing but the messages of `roles` is encoded, and the arm moves with the same bits. `frames`
+    are those of the links, for recordings. ValueError if the settings do not go with the robot.
     """
 
     def __init__(
@@ -106,7 +73,7 @@ class Engine(Arm):
         super().__init__(settings, robot)
         self.roles, self.frames = frozenset(roles), frames
         self.outputs = Outputs(self, self.roles, frames)
-        self._inputs = self.roles.intersection(INPUTS)
+        self._inputs = self.roles.intersection(events.INPUTS)
         self._every, self._follows = settings.publish_every, settings.follows_clock
         self._second = max(1, round(1.0 / settings.step_size))
 
@@ -147,26 +114,20 @@ class Engine(Arm):
 
     def prepare(self, role: str, data: bytes) -> None:
         """Compile what an event needs, ahead and on any thread; it takes no effect."""
-        try:
+        with suppress(Exception):  # step will say so
             RULES[role](self, data)
-        except Exception:  # step will say so
-            return
 
     def step(
-        self, events: Sequence[Message] = (), run: bool = True
+        self, inputs: Sequence[Message] = (), run: bool = True
     ) -> tuple[list[Message], list[Verdict]]:
-        """Take events, and with `run` do the next cycle if it need not wait.
+        """Take inputs, and with `run` do the next cycle if it need not wait.
 
-        Returns
-        -------
-        list of Message
-            The events with their cycle, what was refused, and the outputs, as far as they are
-            among the roles, in the order in which they are to be recorded.
-        list of Verdict
-            One for each event.
+        Returns the inputs with their cycle, what was refused, and the outputs, as far as they are
+        among the roles, in the order in which they are to be recorded; and a verdict on each
+        input.
         """
         messages: list[Message] = []
-        verdicts = [self._take(event[0], event[1], messages) for event in events]
+        verdicts = [self._take(event[0], event[1], messages) for event in inputs]
         if run and not self.waiting:
             self._cycle(self.state)
             self._add_outputs(self.state, messages)
@@ -179,8 +140,8 @@ class Engine(Arm):
         try:
             if len(data) > LARGEST:
                 raise RefusedError('malformed', f'{len(data)} bytes, expected {LARGEST} at most')
-            if not state.active and role in MOVING:
-                raise RefusedError(*INACTIVE)
+            if not state.active and role in events.MOVING:
+                raise RefusedError(*events.INACTIVE)
             change, arguments = RULES[role](self, data)
         except RefusedError as error:
             verdict = Verdict(*error.args)
@@ -194,7 +155,7 @@ class Engine(Arm):
             if remarks:
                 details = '; '.join(remark.detail for remark in remarks)
                 verdict = Verdict(ACCEPTED.label, details, remarks)
-        if self.lockstep and role in COMMANDS and verdict.label in ANSWERS:
+        if self.lockstep and role in events.COMMANDS and verdict.label in events.ANSWERS:
             state.commanded |= verdict.accepted
             state.waits = False
         if not verdict.accepted:
@@ -222,10 +183,10 @@ class Engine(Arm):
         if role not in self._inputs:
             return
         messages.append(Message(role, data, state.cycle + 1))
-        if verdict.label != ALL_NAN.label and REJECTED in self.roles:
+        if verdict.label != events.ALL_NAN.label and events.REJECTED in self.roles:
             # The first line is verified; the rest has words of libraries, which change.
             rejection = encode_string(f'{kind}\n{verdict.detail}')
-            messages.append(Message(REJECTED, rejection, state.cycle + 1))
+            messages.append(Message(events.REJECTED, rejection, state.cycle + 1))
 
     def _cycle(self, state: State) -> None:
         state.cycle += 1
@@ -273,9 +234,9 @@ class Engine(Arm):
     def counts(self) -> list[Message]:
         """Return asides about what was refused in this second and not recorded; count anew."""
         found = [
-            Message(REJECTED_COUNTS, encode_string(f'{kind}\n{more} more in this second'))
+            Message(events.REJECTED_COUNTS, encode_string(f'{kind}\n{more} more in this second'))
             for kind, (_, more) in self.state.refused.items()
-            if more and REJECTED_COUNTS in self.roles
+            if more and events.REJECTED_COUNTS in self.roles
         ]
         self.state.refused.clear()
         return found

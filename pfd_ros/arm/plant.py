@@ -93,27 +93,23 @@ class Plants:
     ) -> tuple[pfd.MotorSimulator, dict[str, Any]]:
         found = self._compiled.get(scene.digest)
         if found is None:
+            # Outputs describe the model: without the wrench, and the gravity torques of drives.
+            alone = replace(scene, external_wrench=False, gravity_compensation=False)
+            quantities = {
+                role: ROLES[role].quantity for role in OPTIONAL if role in settings.outputs
+            }
+            kernels = {
+                role: pfd.compile_kernel(self._robot, scene=alone, quantity=quantity)
+                for role, quantity in quantities.items()
+                if quantity
+            }
             simulator = pfd.MotorSimulator(self._robot, scene, **simulator_settings(settings))
-            found = simulator, _kernels(settings, self._robot, scene)
+            found = simulator, kernels
             # The oldest go; a list, since other threads may ask meanwhile.
             for digest in list(self._compiled)[: 1 - MOST_COMPILED]:
                 self._compiled.pop(digest, None)
             self._compiled[scene.digest] = found
         return found
-
-
-def _kernels(settings: Settings, robot: pfd.Robot, scene: pfd.Scene) -> dict[str, Any]:
-    """Return the kernel of each enabled output that is a quantity of the model.
-
-    The wrench on the tip and the gravity torques of the drives are not in the scene, since the
-    outputs describe the model of the arm.
-    """
-    alone = replace(scene, external_wrench=False, gravity_compensation=False)
-    return {
-        role: pfd.compile_kernel(robot, scene=alone, quantity=ROLES[role].quantity)
-        for role in OPTIONAL
-        if role in settings.outputs and ROLES[role].quantity
-    }
 
 
 def acceleration_kernel(robot: pfd.Robot, scene: pfd.Scene, method: str) -> Any:

@@ -111,11 +111,8 @@ VERDICTS: list[tuple[dict[str, Any], list[tuple[ArmMessage, str, str]]]] = [
             (named([A, B], [1, 2], stamp_ns=SINCE_NS), 'accepted', ''),
             (named([], [1, 2]), 'no_names', '~/commands takes efforts without names'),
             (named([A, B], [1]), 'ragged', '2 names and 1 numbers in effort'),
-            (named([A, B], [1, 2], velocity=[0]), 'ragged', 'velocity'),
-            (named([A, B], [1, 2], position=[0, 0, 0]), 'ragged', 'position'),
             (named([A, B], [1, INF]), 'infinite', 'is inf'),
             (named([A, B], [-INF, NAN]), 'infinite', 'effort'),
-            (named([A, B], [1, 2], velocity=[INF, 0]), 'infinite', 'velocity'),
             (named(['x', B], [INF, 1]), 'infinite', 'effort'),
             (named([A], [1], stamp_ns=SINCE_NS - 1), 'stale', f'expected {SINCE_NS} ns or later'),
             (named([A], [1], stamp_ns=-1), 'stale', 'stamp -1 ns'),
@@ -128,9 +125,7 @@ VERDICTS: list[tuple[dict[str, Any], list[tuple[ArmMessage, str, str]]]] = [
             (named([A, 'x'], [NAN, 1]), 'all_nan', ''),
             (efforts(1, 2, 3, 4, 5, 6), 'accepted', ''),
             (efforts(1, 2), 'wrong_size', '2 numbers for 6 joints'),
-            (efforts(), 'wrong_size', '0 numbers'),
             (efforts(1, 2, 3, 4, NAN, 6), 'not_finite', ''),
-            (efforts(1, 2, 3, 4, 5, -INF), 'not_finite', ''),
             (tick(5), 'malformed', 'time_source is not clock'),
             (wrench('link6', (1, 0, 0)), 'refused', 'external_wrench:=true'),
             (request('clear_wrench'), 'accepted', ''),
@@ -148,17 +143,10 @@ VERDICTS: list[tuple[dict[str, Any], list[tuple[ArmMessage, str, str]]]] = [
             (named([B, C], [3, NAN], position=[1, 2]), 'no_effort', f"no effort for ['{C}']"),
             (named([A, C], position=[1, 2]), 'no_effort', 'no servo gain for their targets'),
             (named([A, B], velocity=[1, 2]), 'no_effort', f"['{B}']"),
-            (named([A, B]), 'no_effort', 'expected one effort for each name'),
-            (named([A, C], position=[1, NAN]), 'accepted', ''),
-            (named([A, B], position=[NAN, NAN]), 'all_nan', ''),
             (named([A, B], [NAN] * 2, [NAN] * 2, [NAN] * 2), 'all_nan', ''),
-            (named([A, B], position=[1]), 'ragged', ''),
-            (named([A, B], position=[1, INF]), 'infinite', ''),
             (named([A, B], position=[1, -1e7]), 'refused', 'position -1e+07, expected 1e+06'),
             (named([A, B], [1, 2], velocity=[1e5, 0]), 'refused', 'velocity 100000'),
             (named(['x', A], position=[1e7, 0]), 'accepted', "unknown joints ['x']"),
-            (named(['x', 'y'], position=[0, 0]), 'unknown_names', ''),
-            (named([A], position=[0], stamp_ns=SINCE_NS - 1), 'stale', ''),
         ],
     ),
     (
@@ -169,7 +157,6 @@ VERDICTS: list[tuple[dict[str, Any], list[tuple[ArmMessage, str, str]]]] = [
             (named(['joint5'], [1]), 'refused', "locked: ['joint5']"),
             (named(['joint6', 'joint5', 'nobody'], [1, 1, 1]), 'refused', 'joint6'),
             (named(['joint5'], [NAN]), 'all_nan', ''),
-            (named([A, 'joint5'], [NAN, 1]), 'all_nan', ''),
             (placed(['joint6', 'nobody'], [1, 2]), 'unknown_names', "joints ['nobody']"),
             (placed(['joint6', 'joint5'], [1, 2]), 'refused', 'no position for any moving joint'),
             (placed([A, 'joint5'], [1, 2]), 'accepted', ''),
@@ -180,16 +167,12 @@ VERDICTS: list[tuple[dict[str, Any], list[tuple[ArmMessage, str, str]]]] = [
         PLACED,
         [
             (placed([], []), 'no_names', ''),
-            (placed(['elbow'], [1, 2]), 'ragged', ''),
-            (placed(['elbow'], [INF]), 'infinite', ''),
             (placed(['elbow'], [1e7]), 'refused', 'position 1e+07'),
             (placed(['elbow'], [1], [-1e5]), 'refused', 'velocity -100000'),
             (placed(['elbow', 'nobody'], [1, 2]), 'unknown_names', "unknown joints ['nobody']"),
-            (placed(['elbow', 'elbow'], [1, 2]), 'duplicate_names', ''),
             (placed(['elbow'], [NAN]), 'refused', 'no position'),
             (placed(['elbow'], []), 'malformed', 'no positions'),
             (placed(['elbow'], [1], effort=[1, 2]), 'ragged', ''),
-            (placed(['elbow'], [], effort=[1]), 'malformed', 'no positions'),
             (request('step'), 'refused', 'step: the arm is not paused'),
             *(
                 (asked(text), 'malformed', '')
@@ -205,8 +188,6 @@ VERDICTS: list[tuple[dict[str, Any], list[tuple[ArmMessage, str, str]]]] = [
                 )
             ),
             (change(payload_mass=-1.0), 'refused', 'payload.mass is -1.0'),
-            (change(payload_mass=NAN), 'refused', 'payload.mass holds nan'),
-            (change(payload_center=[0.0, 0.0]), 'refused', 'payload.center needs 3 numbers'),
             (
                 change(payload_mass=1.0, payload_inertia=[1.0, 0.0, 0.0, -1.0, 0.0, 1.0]),
                 'refused',
@@ -221,12 +202,10 @@ VERDICTS: list[tuple[dict[str, Any], list[tuple[ArmMessage, str, str]]]] = [
             (change(servo_p=[1.0]), 'refused', 'servo_p holds 1 numbers, expected 2'),
             (change(on_timeout='hold'), 'refused', 'expected servo_p above 0 for every joint'),
             (change(substeps=3), 'malformed', "['substeps'] cannot change while the arm runs"),
-            (change(seed='x'), 'malformed', ''),
             (change(real_time_factor='x'), 'malformed', 'expected a number'),
             (ArmMessage('parameters', encode_string('5')), 'malformed', ''),
             (payload('base_link', 1.0), 'unknown_names', 'does not move with the last link'),
             (payload(TIP, INF), 'refused', 'payload.mass holds inf'),
-            (payload(TIP, 1.0, (NAN, 0.0, 0.0)), 'refused', 'payload.center holds nan'),
             (payload(TIP, 1.0, inertia=[0, 1, 0, 0, 0, 0]), 'refused', 'negative'),
             (ArmMessage('payload', b'\0\1\0\0'), 'malformed', 'message ends'),
         ],
@@ -240,7 +219,6 @@ VERDICTS: list[tuple[dict[str, Any], list[tuple[ArmMessage, str, str]]]] = [
             (wrench('base_link', (1, 0, 0)), 'unknown_names', 'does not move with'),
             (wrench('%s{0}' * 9999), 'unknown_names', '(49995 characters)'),
             (wrench(TIP, (NAN, 0, 0)), 'not_finite', ''),
-            (wrench(TIP, torque=(0, 0, -INF)), 'not_finite', ''),
             (wrench(TIP, (1e300, 0, 0)), 'refused', 'expected 100000 N'),
             (ArmMessage('external_wrench', b''), 'malformed', 'expected plain CDR'),
             (wrench(TIP)._replace(data=wrench(TIP).data[:-1]), 'malformed', 'message ends'),
@@ -431,13 +409,10 @@ def test_a_jump_of_some_joints_of_an_arm_that_has_run_away_is_refused() -> None:
     assert state(engine).position.tolist() == [0.5] * 6
 
 
-def test_lockstep_may_wait_for_the_first_command_too() -> None:
+def test_in_lockstep_the_arm_waits_at_published_states_alone() -> None:
     engine = made(lockstep=True, wait_for_controller=True)
     assert engine.waiting
     assert len(states(engine, PUSH, cycles=9)) == 1
-
-
-def test_in_lockstep_the_arm_waits_at_published_states_alone() -> None:
     engine = made(lockstep=True, publish_rate=250.0)
     engine.step([PUSH], run=False)
     for cycle in range(1, 13):
@@ -454,21 +429,15 @@ def test_in_lockstep_the_arm_waits_at_published_states_alone() -> None:
     assert set(found) == {(True, True, True), (False, False, False)}
 
 
-@pytest.mark.parametrize('name', ['pause', 'deactivate'])
-def test_an_arm_that_failed_goes_on_and_can_be_stopped(name: str) -> None:
-    engine = failed()
-    cycle, stamp_ns = engine.state.cycle, engine.stamp_ns
-    assert len(states(engine, PUSH, cycles=9)) == 9
-    assert (engine.state.cycle, engine.stamp_ns) == (cycle + 9, stamp_ns)
-    engine.step([request(name)], run=False)
-    assert engine.waiting
-
-
 def test_after_a_reset_a_failed_arm_continues_at_the_time_of_its_cycle() -> None:
     engine, fresh = failed(**START), made(**START, **UNLIMITED)
     assert engine.state.failures == 1
     assert verdict(engine, payload(TIP, 1.0)).detail == 'the simulation has stopped'
     stopped = state(engine, cycles=50)
+    for name in ('pause', 'deactivate'):
+        engine.step([request(name)], run=False)
+        assert engine.waiting
+        engine.step([request({'pause': 'resume', 'deactivate': 'activate'}[name])], run=False)
     assert np.isfinite([stopped.position, stopped.velocity, stopped.effort]).all()
     after = state(engine, request('reset'))
     assert (engine.state.failure, engine.state.failures) == ('', 1)
@@ -779,19 +748,6 @@ def test_a_joint_whose_model_states_no_limit_gets_a_wide_one(silent, masses, mos
     assert acted(engine, (1e9, 0.0), (150.0, 0.0))[0] == pytest.approx(most / 2)
 
 
-def test_an_arm_under_its_servo_rests_where_spring_and_gravity_balance() -> None:
-    engine, target = made(**SERVO), np.array([0.4, -0.3])
-    there = state(engine, named(NAMES, position=target), cycles=4000).position
-    zero = np.zeros(2)
-    g = pfd.inverse_dynamics(engine.robot, there, zero, zero)
-    assert np.abs(g).max() > 1.0
-    np.testing.assert_allclose(there, target - g / [400.0, 200.0], atol=1e-9)
-    # With the gravity torque of the target fed forward it is there.
-    g = pfd.inverse_dynamics(engine.robot, target, zero, zero)
-    there = state(engine, named(NAMES, g, target, zero), cycles=4000).position
-    np.testing.assert_allclose(there, target, atol=1e-9)
-
-
 # Sensors and noise.
 
 
@@ -914,34 +870,26 @@ def moving_ur5(*messages: ArmMessage, **settings: Any) -> tuple[Any, np.ndarray]
     return row, qdd
 
 
-@pytest.mark.parametrize('frame', ['wrist_3_link', 'tool0', 'ee_link'])
-def test_a_wrench_moves_the_arm_as_in_pinocchio(frame: str) -> None:
-    pushed = wrench(frame, (12.0, -7.0, 20.0), (0.8, -1.5, 0.6))
-    (q, qd, _), qdd = moving_ur5(pushed, external_wrench=True)
-    model = pin.buildModelFromUrdf(UR5)
-    # Force and torque at the frame's origin, brought to the frame of its joint.
-    place = model.frames[model.getFrameId(frame)]
-    force = pin.Force(np.array([12.0, -7.0, 20.0]), np.array([0.8, -1.5, 0.6]))
-    forces = pin.StdVec_Force()
-    forces.extend([pin.Force.Zero() for _ in range(model.njoints)])
-    forces[place.parentJoint] = place.placement.act(force)
-    wanted = pin.aba(model, model.createData(), q, qd, np.array(TAU), forces)
-    without = pin.aba(model, model.createData(), q, qd, np.array(TAU))
-    assert np.abs(wanted - without).max() > 1.0
-    np.testing.assert_allclose(qdd, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
-
-
-def test_a_payload_in_a_carried_frame_moves_the_arm_as_in_pinocchio() -> None:
-    (q, qd, _), qdd = moving_ur5(payload('tool0', 2.5, CENTER, INERTIA))
-    model = pin.buildModelFromUrdf(UR5)
-    place = model.frames[model.getFrameId('tool0')]
-    xx, xy, xz, yy, yz, zz = INERTIA
-    body = pin.Inertia(2.5, np.array(CENTER), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
-    without = pin.aba(model, model.createData(), q, qd, np.array(TAU))
-    model.appendBodyToJoint(place.parentJoint, body, place.placement)
-    wanted = pin.aba(model, model.createData(), q, qd, np.array(TAU))
-    assert np.abs(wanted - without).max() > 0.1
-    np.testing.assert_allclose(qdd, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
+def test_a_wrench_and_a_payload_in_carried_frames_move_the_arm_as_in_pinocchio() -> None:
+    for frame in ('wrist_3_link', 'tool0', 'ee_link'):
+        pushed = wrench(frame, (12.0, -7.0, 20.0), (0.8, -1.5, 0.6))
+        loaded = payload(frame, 2.5, CENTER, INERTIA)
+        (q, qd, _), qdd = moving_ur5(pushed, loaded, external_wrench=True)
+        model = pin.buildModelFromUrdf(UR5)
+        place = model.frames[model.getFrameId(frame)]
+        xx, xy, xz, yy, yz, zz = INERTIA
+        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        without = pin.aba(model, model.createData(), q, qd, np.array(TAU))
+        body = pin.Inertia(2.5, np.array(CENTER), inertia)
+        model.appendBodyToJoint(place.parentJoint, body, place.placement)
+        # Force and torque at the frame's origin, brought to the frame of its joint.
+        force = pin.Force(np.array([12.0, -7.0, 20.0]), np.array([0.8, -1.5, 0.6]))
+        forces = pin.StdVec_Force()
+        forces.extend([pin.Force.Zero() for _ in range(model.njoints)])
+        forces[place.parentJoint] = place.placement.act(force)
+        wanted = pin.aba(model, model.createData(), q, qd, np.array(TAU), forces)
+        assert np.abs(wanted - without).max() > 1.0
+        np.testing.assert_allclose(qdd, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
 
 
 def pushes(engine: Engine, *messages: ArmMessage) -> list[bool]:
@@ -962,6 +910,9 @@ def test_a_wrench_holds_until_it_is_replaced_cleared_or_the_arm_reset() -> None:
     assert pushes(engine, on, request('clear_wrench')) == [False] * 10
     assert pushes(engine, on, request('reset')) == [False] * 10
     assert not state(engine).velocity.any()
+    # One stamped before the reset, which came after 41 steps, is stale.
+    assert verdict(engine, wrench(TIP, stamp_ns=41 * STEP_NS)).label == 'stale'
+    assert verdict(engine, wrench(TIP, stamp_ns=42 * STEP_NS)).accepted
     scene = pfd.scene_to_yaml(pfd.Scene(gravity=None, external_wrench=True))
     assert pushes(made(scene=scene), on) == [True] * 10
 
@@ -976,14 +927,6 @@ def test_a_wrench_with_a_timeout_acts_for_so_much_simulated_time(timeout, steps)
     changed = change(external_wrench_timeout=0.0)
     assert pushes(engine, on, changed) == [True] * steps + [False] * (10 - steps)
     assert pushes(engine, on) == [True] * 10
-
-
-def test_a_wrench_stamped_before_a_reset_is_stale() -> None:
-    engine = made(**PUSHED)
-    state(engine, cycles=5)
-    engine.step([request('reset')])
-    assert verdict(engine, wrench(TIP, stamp_ns=5 * STEP_NS)).label == 'stale'
-    assert verdict(engine, wrench(TIP, stamp_ns=6 * STEP_NS)).accepted
 
 
 BODY = {'payload_mass': 2.5, 'payload_center': CENTER, 'payload_inertia': INERTIA}

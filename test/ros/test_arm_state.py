@@ -375,10 +375,10 @@ def test_a_fresh_arm_continues_a_saved_run_with_the_same_bits(whole) -> None:
     for k in (8, 0, 3, 5):
         state = pickle.loads(saved[k])
         engine.restore(state)
-        assert pickle.dumps(engine.save()) == pickle.dumps(state)
+        again = engine.save()
         assert run(engine) == found[k]
-        # The saved state stays as it is while the arm runs.
-        assert pickle.dumps(state) == pickle.dumps(pickle.loads(saved[k]))
+        # Saved states stay as they are while the arm runs.
+        assert pickle.dumps(again) == pickle.dumps(state) == pickle.dumps(pickle.loads(saved[k]))
 
 
 def test_a_state_of_another_arm_is_refused() -> None:

@@ -7,12 +7,9 @@ The middleware's own events are not used: they come without the name of the othe
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import islice
+from collections.abc import Sequence
 import time
 from typing import Any
-
-from rclpy.node import Node
 
 from pfd_ros.arm.events import ARRAY, CLOCK, COMMANDS, NAMED, ROLES, STATES
 from pfd_ros.messages.topics import UNKNOWN_NODE, node_of
@@ -20,7 +17,7 @@ from pfd_ros.node.endpoints import Endpoints
 from pfd_ros.node.report import Report
 from pfd_ros.text import cut, listed
 
-# Discovery alone takes up to three seconds.
+# Discovery takes up to three seconds.
 PATIENCE_SECONDS = 5.0
 # Endpoints of one topic that are checked; a crowd is not checked one by one.
 MOST_ENDPOINTS = 100
@@ -43,49 +40,34 @@ class GraphCheck:
     check, and `publishers` has the nodes that publish each input, by role.
     """
 
-    def __init__(self, node: Node, endpoints: Endpoints, report: Report) -> None:
+    def __init__(self, endpoints: Endpoints, report: Report) -> None:
         self.mismatched = 0
         self.publishers: dict[str, list[str]] = {}
-        self._node, self._endpoints, self._report = node, endpoints, report
+        self._endpoints, self._report = endpoints, report
         self._since = time.monotonic()
         self._commanded = False
-        self._nameless_since: dict[tuple[int, ...], float] = {}
 
     def check(self) -> None:
         """Query the graph and log connections that cannot work."""
         self.mismatched = 0
-        for role, end in self._endpoints.subscriptions.items():
-            found = list(self._settled(self._endpoints.others(role)))
-            self.publishers[role] = sorted({node_of(info) for info in found})
-            fitting = [node_of(info) for info in found if self._fits(role, info)]
+        ends = self._endpoints
+        for role in (*ends.subscriptions, STATES):
+            found = _named(ends.others(role))
+            fitting = sorted({node_of(info) for info in found if self._fits(role, info)})
+            if role in ends.subscriptions:
+                self.publishers[role] = sorted({node_of(info) for info in found})
             if role in COMMANDS:
                 self._commanded |= bool(fitting)
-                self._check_commanders(end, sorted(set(fitting)))
+                if len(fitting) > 1:
+                    topic = ends.topic(role)
+                    self._report.once(
+                        ('commanders', topic),
+                        f'{len(fitting)} nodes publish commands on {topic}: {listed(fitting)}; '
+                        'the newest command of a joint acts',
+                    )
         self._check_commanded()
-        for info in self._settled(self._endpoints.others(STATES)):
-            self._fits(STATES, info)
-        for role, trouble in SECOND_PUBLISHER.items():
-            if role in self._endpoints.publishers:
-                self._check_alone(self._endpoints.publishers[role], trouble)
-
-    def _settled(self, found: list[Any]) -> Iterator[Any]:
-        """Yield the endpoints whose node has a name, or had none for PATIENCE_SECONDS."""
-        if len(self._nameless_since) > MOST_ENDPOINTS:
-            self._nameless_since.clear()
-        for info in islice(found, MOST_ENDPOINTS):
-            if info.node_name == UNKNOWN_NODE:
-                now, key = time.monotonic(), tuple(info.endpoint_gid)
-                if now - self._nameless_since.setdefault(key, now) <= PATIENCE_SECONDS:
-                    continue
-            yield info
-
-    def _check_commanders(self, end: Any, nodes: list[str]) -> None:
-        if len(nodes) > 1:
-            self._report.once(
-                ('commanders', end.topic_name),
-                f'{len(nodes)} nodes publish commands on {end.topic_name}: {listed(nodes)}; the '
-                'newest command of a joint acts',
-            )
+        for role in SECOND_PUBLISHER.keys() & ends.publishers.keys():
+            self._check_alone(ends.topic(role), SECOND_PUBLISHER[role])
 
     def _check_commanded(self) -> None:
         # A message proves that there was a publisher, though it may have left.
@@ -112,13 +94,16 @@ class GraphCheck:
         self._report.once(('mismatch', tuple(info.endpoint_gid)), text)
         return False
 
-    def _check_alone(self, end: Any, trouble: str) -> None:
-        found = list(self._settled(self._node.get_publishers_info_by_topic(end.topic_name)))
-        own = (self._node.get_name(), self._node.get_namespace())
-        others = [info for info in found if (info.node_name, info.node_namespace) != own]
+    def _check_alone(self, topic: str, trouble: str) -> None:
+        node = self._endpoints.node
+        found = [node_of(info) for info in _named(node.get_publishers_info_by_topic(topic))]
+        others = [name for name in found if name != node.get_fully_qualified_name()]
         # Another node of our name counts too, wherever it runs.
         if len(found) > 1:
-            name = repr(cut(node_of(others[0]))) if others else 'of the same name'
-            self._report.once(
-                ('second', end.topic_name), f'node {name} publishes {end.topic_name} {trouble}'
-            )
+            name = repr(cut(others[0])) if others else 'of the same name'
+            self._report.once(('second', topic), f'node {name} publishes {topic} {trouble}')
+
+
+def _named(found: Sequence[Any]) -> list[Any]:
+    """Return the endpoints whose node is known already."""
+    return [info for info in found[:MOST_ENDPOINTS] if info.node_name != UNKNOWN_NODE]

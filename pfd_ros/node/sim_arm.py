@@ -120,7 +120,7 @@ class SimArm:
         self.stepper = Stepper(
             self.engine, inbox, self._recorder, self.endpoints.publishers, report.count
         )
-        self.graph = GraphCheck(node, self.endpoints, report)
+        self.graph = GraphCheck(self.endpoints, report)
         self.diagnostics = ArmDiagnostics(self.stepper, self.graph, report, kernels)
         self._set_parameters = parameters.setter(self.engine, changes)
         node.add_on_set_parameters_callback(self._set_parameters)
@@ -232,21 +232,20 @@ def _entities(node: Node) -> Iterator[tuple[str, Any]]:
 @contextmanager
 def compile_report(log: Callable[[str], object], robot: str) -> Iterator[None]:
     """Log that native code for a robot is compiled, and how long it took; nothing if cached."""
-    begun, compiled = time.monotonic(), list[logging.LogRecord]()
+    begun, compiled, level = time.monotonic(), list[str](), COMPILE_LOG.level
 
-    class First(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            if not compiled:
-                log(f'Compiling native code for {cut(robot)!r} (first start; cached afterwards)')
-            compiled.append(record)
+    def seen(record: logging.LogRecord) -> bool:
+        if not compiled:
+            log(f'Compiling native code for {cut(robot)!r} (first start; cached afterwards)')
+        compiled.append(record.name)
+        return True
 
-    handler, level = First(), COMPILE_LOG.level
-    COMPILE_LOG.addHandler(handler)
+    COMPILE_LOG.addFilter(seen)
     COMPILE_LOG.setLevel(logging.INFO)
     try:
         yield
     finally:
-        COMPILE_LOG.removeHandler(handler)
+        COMPILE_LOG.removeFilter(seen)
         COMPILE_LOG.setLevel(level)
     if compiled:
         log(f'Compiled native code for {cut(robot)!r} in {time.monotonic() - begun:.1f} s')

@@ -165,17 +165,15 @@ class _Awaiting:
         return getattr(self._subscription, name)
 
 
-class _Executor:
-    """The executor as a node of the test sees it."""
+class _Executor(rclpy_implementation.EventsExecutor):  # type: ignore[misc]
+    """The executor of the link.
 
-    def __init__(self, events: Any) -> None:
-        self._events = events
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._events, name)
+    rclpy.experimental.EventsExecutor also enables faulthandler, which fails where pytest has
+    replaced stderr.
+    """
 
     def add_node(self, node: Node) -> None:
-        self._events.add_node(_WithoutTimers(node, self._events))
+        super().add_node(_WithoutTimers(node, self))
 
     def remove_node(self, node: Node) -> None:
         """Leave the node in: the executor ends with the link."""
@@ -207,6 +205,8 @@ def node_link(
             )
         if node.executor is not None and node in node.executor.get_nodes():
             raise ControllerError(f'node {node.get_name()!r} is in an executor already')
+    # Without the context, nothing of rclpy waits: clock.sleep_for() hears of no signal.
+    watch = Watch(patience, get_default_context().try_shutdown)
     # No services, log topic and event handlers: each makes every wait longer.
     own = Node(
         'sim_arm',
@@ -215,16 +215,10 @@ def node_link(
         start_parameter_services=False,
         parameter_overrides=[NodeParameter('start_type_description_service', value=False)],
     )
-    # rclpy.experimental.EventsExecutor also enables faulthandler, which fails where pytest has
-    # replaced stderr.
-    events = rclpy_implementation.EventsExecutor(get_default_context())
-    executor = _Executor(events)  # nodes have weak references to it
-    # Without the context, nothing of rclpy waits: clock.sleep_for() hears of no signal.
-    watch = Watch(patience, get_default_context().try_shutdown)
+    executor = _Executor(get_default_context())  # nodes have weak references to it
     try:
-        link = NodeLink(own, events, watch, described, engine, nodes, processes)
-        events.add_node(own)
-        for node in nodes:
+        link = NodeLink(own, executor, watch, described, engine, nodes, processes)
+        for node in (own, *nodes):
             node.executor = executor
         with watch:
             yield link
@@ -232,7 +226,7 @@ def node_link(
         for node in nodes:
             # For another run.
             node.executor = None
-        events.shutdown()
+        executor.shutdown()
         own.destroy_node()
 
 

@@ -97,7 +97,8 @@ class Trajectory:
     commanded
         Whether each joint was commanded at all (n,); the others stay braked.
     notes
-        Why the run may differ another time; empty: it has the same bits each time.
+        Why the run may differ another time; empty: it has the same bits each time. Timers that
+        are not on the ticks, and controllers that have stopped commanding, are named, too.
     """
 
     time: Array

@@ -208,8 +208,7 @@ FAULTS = {
     'first_introduction_fails': lambda: fail_first('lifecycle_introduce', 'no introduction'),
     'reporting_fails': lambda: bridge.put('lifecycle_report_arm', fail),
     'requests_fail': lambda: bridge.put('services_encode_request', fail),
-    'closing_hangs': lambda: bridge.put('SimArm_close_recording', hang_in_python),
-    'closing_hangs_in_c': lambda: bridge.put('SimArm_close_recording', hang_in_c),
+    'closing_hangs': lambda: bridge.put('SimArm_close_recording', hang_in_c),
     'teardown_hangs': hang_in_teardown,
     'exit_hangs': hang_at_exit,
 }

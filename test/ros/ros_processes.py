@@ -10,7 +10,6 @@ import importlib.util
 import itertools
 import os
 from pathlib import Path
-import resource
 import shutil
 import signal
 import subprocess
@@ -64,12 +63,6 @@ def stamp_ns(message: Any) -> int:
     """Return the simulated time of a JointState or Clock."""
     stamp = getattr(message, 'clock', None) or message.header.stamp
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
-
-
-def resident_bytes(pid: int) -> int:
-    """Return how much memory a process holds."""
-    pages = int(Path(f'/proc/{pid}/statm').read_text(encoding='ascii').split()[1])
-    return pages * resource.getpagesize()
 
 
 def environment(domain: int) -> dict[str, str]:
@@ -288,13 +281,6 @@ def running(folder: Path, *ros_args: str, fault: str = 'reports_often') -> Itera
         if peer is not None:
             peer.close()
         processes.close()
-
-
-def chosen(name: str, value: Any) -> Any:
-    """Return a parameter as rclpy has it."""
-    from rclpy.parameter import Parameter
-
-    return Parameter(name, value=value)
 
 
 def call(peer: Peer, kind: Any, name: str, **values: Any) -> Any:

@@ -5,18 +5,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-import subprocess
 import sys
 
 from bridge import DDS_LOOPBACK, claimed_domain, domain_environment_to_kill
 import pytest
 from ros_processes import Processes
-from waiting import PATIENCE, wait_until
+from waiting import wait_until
 
 from pfd_ros.testing import ControllerProcess
-
-# Where peers shared memory, every tenth round or so died.
-ROUNDS = 60
 
 
 def shared() -> set[str]:
@@ -75,16 +71,3 @@ def test_a_process_to_kill_gets_the_profile_and_keeps_its_other_variables(
 )
 def test_a_profile_a_middleware_or_a_range_of_the_user_stays(chosen: dict[str, str]) -> None:
     assert domain_environment_to_kill(HERE | chosen) == HERE | chosen
-
-
-@pytest.mark.ros
-@pytest.mark.slow
-@pytest.mark.long
-@pytest.mark.timeout(2 * PATIENCE * ROUNDS)
-def test_peers_end_well_where_the_processes_they_talk_to_are_killed() -> None:
-    script = Path(__file__).with_name('killed_talkers.py')
-    done = subprocess.run(
-        [sys.executable, str(script), str(ROUNDS)], capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
-    assert len(done.stdout.splitlines()) == ROUNDS

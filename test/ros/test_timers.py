@@ -150,14 +150,13 @@ def test_a_second_run_continues_where_the_first_one_ended(spin: Callable[..., Tr
         )
 
 
-@pytest.mark.parametrize('kind', ['states', 'two'])
 def test_a_recorded_run_verifies_and_has_the_bits_of_an_unrecorded_one(
-    kind: str, spin: Callable[..., Trajectory], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    spin: Callable[..., Trajectory], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / 'run.mcap'
     more = {'noise_velocity': 0.01, 'outputs': ['energy']}
-    found = spin([kind], [], recording=path, **more)
-    assert bits(found) == bits(spin([kind], [], **more))
+    found = spin(['two'], [], recording=path, **more)
+    assert bits(found) == bits(spin(['two'], [], **more))
     assert pfd_main(['replay', str(path), '--verify']) == 0
     assert 'every bit equal' in capsys.readouterr().out
 

@@ -67,12 +67,6 @@ def test_the_settling_time_of_a_critically_damped_system_solves_its_equation() -
     assert response.overshoot(TARGET) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_the_fastest_torque_of_a_step_is_the_damper_that_meets_the_first_acceleration() -> None:
-    # tau' = -kp qd - kd qdd, and qdd is kp r / I at first.
-    expected = 2 * 1.0 * FREQUENCY * INERTIA * FREQUENCY**2 * TARGET
-    assert step_response(1.0).torque_rate() == pytest.approx(expected, rel=0.005)
-
-
 def test_a_run_is_the_exact_solution_of_the_sampled_system() -> None:
     stiffness, damper = 30.0, 2.0
     with LockstepArm(WHEEL, publish_rate=100.0, step_size=1e-3) as arm:

@@ -398,8 +398,6 @@ PATCHED = {
     'demo_ChildProcess': 'pfd_ros.demo.run:ChildProcess',
     'DEMO_PAGE_SECONDS': 'pfd_ros.demo.run:PAGE_SECONDS',
     'VIEW_NEEDED': 'pfd_ros.view.ports:NEEDED',
-    # pfd_ros.advice: advice on a scene
-    'MOTION_MOST_STEPS': 'pfd_ros.advice.motions:MOST_STEPS',
     # pfd_ros.cli: the command pfd
 }
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +26,6 @@ from pfd_ros.recording.format import EndKey, LogError, damage_named
 from pfd_ros.recording.log import Log
 from pfd_ros.text import cut, listed
 
-# Steps that a motion has at most: a hundred seconds at 1 kHz.
-MOST_STEPS = 100_000
 # Of sines: arguments of the simulator, length [s], bandwidth of the controller [rad/s], and the
 # largest amplitude [rad or m], share of a joint's range and share of its velocity limit.
 SETTINGS: Mapping[str, Any] = {'step_size': 1e-3, 'substeps': 2}
@@ -37,26 +35,13 @@ AMPLITUDE, RANGE_SHARE, VELOCITY_SHARE = 0.5, 0.25, 0.5
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """K steps of an arm with n joints.
+    """K steps of an arm with n joints."""
 
-    Attributes
-    ----------
-    name
-        What it is, for a reader.
-    settings
-        step_size, substeps, integrator and method, as Simulator takes them.
-    taus
-        Torques of each step, (K, n) [N m or N].
-    braked
-        Joints that a brake holds in each step, (K, n) of bool.
-    q, qd
-        Positions and velocities before each step, (K, n) [rad or m, and per s].
-    """
-
-    name: str
-    settings: Mapping[str, Any]
-    taus: NDArray[Any]
-    braked: NDArray[Any]
+    name: str  # for a reader
+    settings: Mapping[str, Any]  # step_size, substeps, integrator, method, as Simulator takes them
+    taus: NDArray[Any]  # torques of each step, (K, n) [N m or N]
+    braked: NDArray[Any]  # joints that a brake holds in each step, (K, n) of bool
+    # Before each step, (K, n) [rad or m, and per s].
     q: NDArray[Any]
     qd: NDArray[Any]
 
@@ -89,9 +74,8 @@ def sine(robot: pfd.Robot, scene: pfd.Scene) -> Motion:
     amplitude = np.minimum(AMPLITUDE, VELOCITY_SHARE * fastest / (2 * np.pi))
     amplitude = np.where(limited, np.minimum(amplitude, RANGE_SHARE * (upper - lower)), amplitude)
     w = 2 * np.pi * np.linspace(0.4, 1.0, robot.n)
-    phase = (
-        simulator.step_size * np.arange(round(SECONDS / simulator.step_size))[:, np.newaxis] * w
-    )
+    step = simulator.step_size
+    phase = step * np.arange(round(SECONDS / step))[:, np.newaxis] * w
     y = (lower + upper) / 2 + amplitude * np.sin(phase)
     yd, ydd = amplitude * w * np.cos(phase), -amplitude * w**2 * np.sin(phase)
     taus, q, qd = np.empty((3, *y.shape))
@@ -105,16 +89,10 @@ def sine(robot: pfd.Robot, scene: pfd.Scene) -> Motion:
     return Motion(name, SETTINGS, taus, np.zeros(taus.shape, bool), q, qd)
 
 
-class RecordedMotion(NamedTuple):
-    """The robot and the scene of a recording, and its motion."""
-
-    robot: pfd.Robot
-    scene: pfd.Scene
-    motion: Motion
-
-
-def read_motion(path: Path, robot_source: str | None = None) -> RecordedMotion:
-    """Return the motion of a recording, of its first MOST_STEPS steps at most.
+def read_motion(
+    path: Path, robot_source: str | None = None
+) -> tuple[pfd.Robot, pfd.Scene, Motion]:
+    """Return the robot and the scene of a recording, and its motion.
 
     Parameters
     ----------
@@ -137,11 +115,11 @@ def read_motion(path: Path, robot_source: str | None = None) -> RecordedMotion:
     brakes: list[NDArray[Any]] = []
     with damage_named(log.path):
         engine = Engine(log.settings, log.robot, ())
-        scene, cut_short = engine.plant.scene, False
+        scene = engine.plant.scene
 
         def run_to(cycle: int) -> None:
             state = engine.state
-            while state.cycle < cycle and not engine.waiting and len(states) < MOST_STEPS:
+            while state.cycle < cycle and not engine.waiting:
                 before, step = state.rows[state.now].copy(), state.step
                 engine.step()
                 if state.step > step:
@@ -154,9 +132,6 @@ def read_motion(path: Path, robot_source: str | None = None) -> RecordedMotion:
                 continue
             taken = message.role in INPUTS
             run_to(message.cycle - taken)
-            cut_short = len(states) == MOST_STEPS
-            if cut_short:
-                break
             if taken:
                 engine.step([message], run=False)
                 jumps = engine.state.jump is not None
@@ -176,7 +151,5 @@ def read_motion(path: Path, robot_source: str | None = None) -> RecordedMotion:
             f'has {listed(source.joint_names)}'
         )
     q, qd, taus = np.array(states).transpose(1, 0, 2)
-    part = f'the first {len(states)} steps of ' if cut_short else ''
-    name = f'{part}the recording {log.path.name}'
-    motion = Motion(name, simulator_settings(engine.state.settings), taus, np.array(brakes), q, qd)
-    return RecordedMotion(source, scene, motion)
+    name, settings = f'the recording {log.path.name}', simulator_settings(engine.state.settings)
+    return source, scene, Motion(name, settings, taus, np.array(brakes), q, qd)

@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 import trimesh
 
 import pfd_core as pfd
-from pfd_ros.text import cut, listed
+from pfd_ros.arm.description import parsed_urdf
+from pfd_ros.text import listed
 
 Array = NDArray[np.float64]
 TURNING, SLIDING = ('revolute', 'continuous'), 'prismatic'
@@ -32,15 +33,6 @@ def folder_of(robot: str) -> Path | None:
     """Return the folder of a robot's file, None for a robot without one."""
     path = Path(robot)
     return path.absolute().parent if path.is_file() else None
-
-
-def parsed_urdf(text: str, label: str) -> pfd.Urdf:
-    """Return the model of a URDF's text; ValueError, with the label, for another text."""
-    # Other text would be taken for the name of a robot or a file.
-    urdf = pfd.read_urdf(text) if text.lstrip().startswith('<') else None
-    if urdf is None:
-        raise ValueError(f'{label} is not a URDF: it starts with {cut(text[:20])!r}')
-    return urdf
 
 
 def pose_of(xyz: Sequence[float], rpy: Sequence[float]) -> Array:

@@ -28,11 +28,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 import pfd_core as pfd
+from pfd_ros.arm.description import parsed_urdf
 from pfd_ros.arm.events import DESCRIPTION, PAYLOAD_IN_USE, ROLES, STATES, TIP_WRENCH
 from pfd_ros.node.visitor import resolved, visitor
 from pfd_ros.text import cut, listed, one_line
 from pfd_ros.view.arm import Stage
-from pfd_ros.view.links import named_model, parsed_urdf
+from pfd_ros.view.links import named_model
 from pfd_ros.view.loads import PAYLOADS, WRENCHES, Load, Source
 from pfd_ros.view.logged import LARGEST_POSITION
 

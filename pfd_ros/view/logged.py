@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
+from pfd_ros.arm.description import parsed_urdf
 from pfd_ros.arm.events import DESCRIPTION, STATES
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.types import JOINT_STATE, STRING
@@ -24,7 +25,7 @@ from pfd_ros.recording.topic_arrays import TopicArrays
 from pfd_ros.text import cut, listed, one_line
 from pfd_ros.view.arm import Stage
 from pfd_ros.view.forms import draw
-from pfd_ros.view.links import Array, LinkPoses, folder_of, named_model, parsed_urdf
+from pfd_ros.view.links import Array, LinkPoses, folder_of, named_model
 from pfd_ros.view.loads import PAYLOADS, WRENCHES, Load, Source
 from pfd_ros.view.meshes import Meshes
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from arm_messages import efforts
-import bridge
 from bridge import (
     SINE_SETTINGS,
     SMALLEST_SCENE,
@@ -235,8 +234,12 @@ def test_limits_of_zero_are_none() -> None:
     'settings',
     [
         {},
-        {'publish_rate': 20.0, 'substeps': 1, 'integrator': 'velocity_verlet'},
-        {'joints': ('elbow', 'shoulder'), 'initial_positions': (0.5, -0.25)},
+        {
+            'joints': ('elbow', 'shoulder'),
+            'initial_positions': (0.5, -0.25),
+            'publish_rate': 20.0,
+            'integrator': 'velocity_verlet',
+        },
         {'gravity': (0.0, 0.0, 0.0), 'step_size': 0.002},
     ],
     ids=str,
@@ -268,25 +271,12 @@ def test_a_motion_has_the_torques_and_brakes_of_each_step_up_to_a_cut_or_failure
     np.testing.assert_array_equal(motion.braked.T, [np.arange(STEPS) < 2] * 2)
     # Without its index and the end of its run.
     cut.write_bytes(path.read_bytes()[: path.read_bytes().index(b'pfd_ros_end') - 20])
-    found = read_motion(cut).motion.taus
+    found = read_motion(cut)[2].taus
     np.testing.assert_array_equal(found, wanted[: len(found)])
     assert len(found) > 90
     blow_up = {5: [efforts(1.0, 2.0)], 12: [efforts(1e308, -1e308)]}
     simulate(tmp_path / 'b.mcap', 30, blow_up, effort_limits=False, torque_speed=False)
-    assert len(read_motion(tmp_path / 'b.mcap').motion.taus) == 11
-
-
-def test_a_long_recording_is_shortened_and_says_so(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / 'a.mcap'
-    simulate(path, STEPS, MOVE)
-    whole = read_motion(path).motion
-    monkeypatch.setattr(*bridge.target('MOTION_MOST_STEPS'), 40)
-    motion = read_motion(path).motion
-    for name in ('taus', 'braked', 'q', 'qd'):
-        np.testing.assert_array_equal(getattr(motion, name), getattr(whole, name)[:40])
-    assert '40 steps' in motion.name
+    assert len(read_motion(tmp_path / 'b.mcap')[2].taus) == 11
 
 
 def test_the_robot_of_a_recording_is_taken_with_its_locked_joints(tmp_path: Path) -> None:

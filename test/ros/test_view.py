@@ -970,7 +970,7 @@ def test_the_view_ends_with_the_arm_however_that_ends(
 # In a browser.
 
 # The arm hangs down for this time [s], and points up as long.
-HANGING = 10.0
+HANGING = 4.0
 # Parts of a picture: an arm, and an arrow.
 LEAST, ARROW = 0.005, 0.0005
 # Swiftshader draws each pixel on a processor.

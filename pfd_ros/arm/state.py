@@ -33,7 +33,8 @@ class State:
     # The settings at the start, with 'auto' resolved, and now.
     first: Settings
     settings: Settings
-    # Of the simulator, and of the motors: native code advances both.
+    # Of the simulator, and of the motors: native code advances both. The `counts` of the motors
+    # are steps in which a limit cut an effort, and in which a joint was beyond its velocity limit.
     simulation: pfd.SimulationState
     motors: pfd.MotorState
     # What reaches the actuators, (4, n), see EFFORT; native code reads it where it is.
@@ -105,13 +106,3 @@ class State:
     def timed_out(self) -> bool:
         """Whether the watchdog has acted, and no command has since then."""
         return self.silenced and self.heard is None
-
-    @property
-    def saturated(self) -> int:
-        """Steps in which a limit cut an effort."""
-        return int(self.motors.counts[0])
-
-    @property
-    def fast(self) -> int:
-        """Steps in which a joint was beyond its velocity limit."""
-        return int(self.motors.counts[1])

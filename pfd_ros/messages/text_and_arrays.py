@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 import math
 from typing import Any
 
@@ -15,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pfd_ros.messages.cdr import HEADER, Encoder, Reader, Writer
 
 # The beginning of a Float64MultiArray without a layout, and the place of its first number.
-_NO_LAYOUT, _FIRST_NUMBER = HEADER + bytes(8), 20
+_NO_LAYOUT, _PADDING, _FIRST_NUMBER = HEADER + bytes(8), bytes(4), 20
 
 
 def encode_string(text: str) -> bytes:
@@ -50,17 +49,8 @@ def decode_floats(data: bytes) -> NDArray[Any]:
 def encode_floats(values: ArrayLike) -> bytes:
     """Return a Float64MultiArray of numbers (count,), without a layout."""
     numbers = np.asarray(values, '<f8')
-    return _floats_head(numbers.size) + numbers.tobytes()
-
-
-@lru_cache(16)
-def _floats_head(count: int) -> bytes:
-    """Return a message without a layout up to its numbers."""
-    writer = Writer()
-    writer.integer(0)
-    writer.integer(0)
-    start = writer.numbers(np.zeros(count))
-    return bytes(writer.data[:start])
+    head = _NO_LAYOUT + numbers.size.to_bytes(4, 'little')
+    return (head + _PADDING if numbers.size else head) + numbers.tobytes()
 
 
 def array_encoder(layout: Sequence[tuple[str, Sequence[str]]]) -> Encoder:

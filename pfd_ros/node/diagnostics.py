@@ -122,7 +122,7 @@ class ArmDiagnostics:
             'missed': stepper.missed,
             'accepted': self._report.accepted(COMMANDS),
             'rejected': self._report.rejected(),
-            'fast': state.fast,
+            'fast': int(state.motors.counts[1]),
         }
 
     def tasks(self) -> list[DiagnosticStatus]:
@@ -171,7 +171,7 @@ class ArmDiagnostics:
             **{f'{role}.publishers': ' '.join(x) for role, x in graph.publishers.items() if x},
             'watchdog_trips': state.timeouts,
             'lost_commands': state.lost,
-            'saturated_steps': state.saturated,
+            'saturated_steps': int(state.motors.counts[0]),
             'reflex_trips': state.trips,
         }
         stop = f'protective stop, all joints braked until ~/reset: {state.tripped}'

@@ -9,6 +9,8 @@ over the step: the effort in joint_states is exactly the effort that acted. It i
 the limits, without friction and without the torque of gravity compensation: commands and states
 have one convention. Motors with a lag follow it. A reflex, if there is one, brakes all joints in
 the step in which an effort would jump.
+
+See docs/decisions/0033-one-state-one-step.md and 0032-one-table-of-effects.md.
 """
 
 from __future__ import annotations

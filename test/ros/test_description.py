@@ -220,7 +220,7 @@ def altered_descriptions(draw: st.DrawFn) -> str:
     return HEAD + ''.join(altered)
 
 
-@settings(max_examples=10 * settings().max_examples)
+@settings(max_examples=3 * settings().max_examples)
 @given(altered_descriptions())
 def test_altered_descriptions_are_read_or_refused_with_a_reason(text: str) -> None:
     try:

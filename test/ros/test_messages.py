@@ -477,7 +477,7 @@ def nested(depth: int, times: int = 1) -> str:
         ('b/B x\n', 'type b/msg/B is missing'),
         (nested(40), 'nested deeper'),
         (nested(12, times=2), 'more than 4096 fields'),
-        (''.join(f'int8 x{k}\n' for k in range(9000)), 'more than 4096'),
+        (''.join(f'int8 x{k}\n' for k in range(4200)), 'more than 4096'),
         (''.join(f'int8 C{k}=1\n' for k in range(5_000)), 'more than 4096'),
         ('string[1000000000] x\n', 'more than 4096'),
         ('a/B[1000000000] x\n' + SEPARATOR + 'MSG: a/B\nint8 x\n', 'more than 4096'),
@@ -577,7 +577,7 @@ def test_any_text_is_a_qos_or_one_error(text: str) -> None:
         assert found is None or 1 <= found.depth <= 10_000
 
 
-@pytest.mark.parametrize('text', ['[' * 2_000, '- depth: [1]', '- 1', 'a: 1', ' ' * 70_000])
+@pytest.mark.parametrize('text', ['[' * 500, '- depth: [1]', '- 1', 'a: 1', ' ' * 70_000])
 def test_a_text_that_is_no_list_of_qos_profiles_is_one_error(text: str) -> None:
     with pytest.raises(ValueError, match='QoS profile'):
         offered_qos(text)

@@ -289,7 +289,9 @@ def test_an_arm_follows_a_clock_forwards_only_and_logs_its_loss(
 
 
 @pytest.mark.slow
-def test_two_arms_on_one_clock_have_the_same_stamps(processes: Processes, peer_of) -> None:
+def test_two_arms_on_one_clock_have_the_same_stamps_and_separate_commands(
+    processes: Processes, peer_of
+) -> None:
     follower = processes.faulty(
         'reports_often', *FOLLOWS, '-r', '__ns:=/right', '-p', 'recording:=right.mcap', ready=False
     )
@@ -297,6 +299,12 @@ def test_two_arms_on_one_clock_have_the_same_stamps(processes: Processes, peer_o
     peers = [peer_of(processes, name) for name in ('left', 'right')]
     for peer in peers:
         peer.connect()
+    # Neither arm receives what is sent to the other.
+    for peer, other, effort in ((*peers, 1.0), (*peers[::-1], 2.0)):
+        peer.plain_command([effort] * 6)
+        peer.wait(lambda p=peer, e=effort: p.states[-1].effort.tolist() == [e] * 6)
+        other.let_pass(5)
+        assert other.states[-1].effort.tolist() == [0.0 if effort == 1.0 else 1.0] * 6
     peers[1].let_pass(200)
     # Its clock ends, and it stands at a time that the leader has reached.
     assert leader.end(signal.SIGINT) == 0, leader.text()

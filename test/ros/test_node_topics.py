@@ -15,21 +15,16 @@ from bridge import ARM_ROLES, LARGEST_INPUT, OPTIONAL_OUTPUTS, verify_log
 import gripper_arm
 import numpy as np
 import pytest
-from replicas import ControllerManager, State, TopicHardware
 from ros_processes import (
     JOINTS,
     MILLISECOND,
     READER,
-    Peer,
-    Process,
     Processes,
     Running,
     call,
     running,
     stamp_ns,
 )
-
-import pfd_core as pfd
 
 pytestmark = pytest.mark.ros
 NAN, INF = float('nan'), float('inf')
@@ -292,96 +287,6 @@ def test_readers_get_every_output_and_the_recording_verifies(
     found = verify_log(processes.folder / 'arm.mcap')
     assert found.complete
     assert found.compared['joint_states'] < found.compared['true_states']
-
-
-ARM = gripper_arm.ARM
-EFFORTS = dict.fromkeys((*ARM, 'finger'), ('effort',))
-GOAL = np.array([0.3, 0.4])
-PERIOD = 10 * MILLISECOND
-
-
-def arm_with(processes: Processes, *args: str, **params: str) -> Process:
-    (processes.folder / 'arm.urdf').write_text(gripper_arm.urdf(**params))
-    return processes.arm('-p', 'robot:=arm.urdf', '-p', 'locked:=[finger]', *args)
-
-
-def managed(peer: Peer, hardware: TopicHardware) -> ControllerManager:
-    """Return a controller manager whose hardware is connected."""
-    manager = ControllerManager(peer, hardware, PERIOD)
-    manager.start()
-    peer.wait(lambda: hardware.latest.name and hardware.publisher.get_subscription_count())
-    return manager
-
-
-def computed_torque(robot: pfd.Robot):
-    """Return a controller that holds GOAL; its fingers push without effect."""
-
-    def update(states: State) -> State:
-        q, qd = ([states[joint][kind] for joint in ARM] for kind in ('position', 'velocity'))
-        qdd = 100.0 * (GOAL - q) - 20.0 * np.array(qd)
-        efforts = pfd.inverse_dynamics(robot, q, qd, qdd).tolist()
-        return {
-            joint: {'effort': effort}
-            for joint, effort in zip((*ARM, 'finger'), (*efforts, 1.0), strict=True)
-        }
-
-    return update
-
-
-def off(hardware: TopicHardware) -> float:
-    """Return how far the arm is off the goal, or on its way at 1 rad/s."""
-    q, qd = ([hardware.states[joint][kind] for joint in ARM] for kind in ('position', 'velocity'))
-    return float(np.abs([np.array(q) - GOAL, qd]).max())
-
-
-@pytest.mark.slow
-def test_a_controller_manager_with_the_stock_hardware_brings_the_arm_to_its_goal(
-    processes: Processes, peer_of
-) -> None:
-    arm = arm_with(processes, '-p', 'recording:=arm.mcap', trigger_joint_command_threshold='-1')
-    peer = peer_of(processes)
-    hardware = TopicHardware(peer, EFFORTS, threshold=-1.0)
-    manager = managed(peer, hardware)
-    # No controller has claimed the joints: NaN is sent, and the brakes hold them.
-    manager.run(20)
-    assert hardware.sent == 20
-    assert [hardware.states[joint]['position'] for joint in ARM] == list(gripper_arm.START)
-    # On a busy machine the arm runs on while the manager waits, and then it takes longer.
-    manager.update = computed_torque(pfd.load_robot(gripper_arm.urdf(), locked={'finger': 0.04}))
-    peer.wait(lambda: manager.run(20) or off(hardware) < 5e-3)
-    assert hardware.states['finger'] == {'position': 0.04, 'velocity': 0.0, 'effort': 0.0}
-    # A controller of efforts writes zeros when it is deactivated.
-    manager.update = lambda states: {joint: {'effort': 0.0} for joint in EFFORTS}
-    peer.wait(lambda: manager.run(20) or off(hardware) > 0.05)
-    assert [hardware.states[joint]['effort'] for joint in ARM] == [0.0, 0.0]
-    assert manager.times == sorted(manager.times)
-    arm.stop()
-    for text in ('messages on', 'unknown', 'trigger_joint_command_threshold'):
-        assert text not in arm.text()
-    assert verify_log(processes.folder / 'arm.mcap').complete
-
-
-@pytest.mark.slow
-def test_two_arms_in_two_namespaces_receive_nothing_from_each_other(
-    processes: Processes, peer_of
-) -> None:
-    processes.arm('-r', '__ns:=/left', ready=False)
-    right = processes.arm('-r', '__ns:=/right', '-p', 'publish_clock:=false')
-    peers = [peer_of(processes, name) for name in ('left', 'right')]
-    for peer in peers:
-        peer.connect()
-    peers[0].command(JOINTS, [1.0] * 6)
-    peers[0].wait(lambda: any(peers[0].states[-1].effort))
-    peers[1].let_pass()
-    assert peers[1].states[-1].effort.tolist() == [0] * 6
-    peers[1].plain_command([2.0] * 6)
-    peers[1].wait(lambda: peers[1].states[-1].effort.tolist() == [2.0] * 6)
-    peers[0].let_pass()
-    assert peers[0].states[-1].effort.tolist() == [1.0] * 6
-    # One clock: it belongs to the left arm and continues without the right one.
-    assert right.end(signal.SIGINT) == 0
-    count = len(peers[0].clocks)
-    peers[0].wait(lambda: len(peers[0].clocks) > count + 10)
 
 
 @pytest.mark.slow

@@ -91,7 +91,7 @@ def test_lines_of_the_log_in_the_guide_are_logged_by_the_node() -> None:
         if dropped:
             assert dropped in VERDICT_LABELS
         elif line.endswith(' too'):
-            assert re.search(r'publishes \{end.topic_name\} \{', source)
+            assert re.search(r'publishes \{topic\} \{', source)
             assert "'too: " in source
         else:
             assert line in source, line

@@ -100,9 +100,10 @@ import os, sys
 import numpy as np
 import pytest
 import rclpy
-from pfd_ros.testing import ControllerError
+from pfd_ros.testing import ControllerError, NodeProcess, NodeProcessError
 from rclpy.duration import Duration
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
 from tested_controllers import command_of, node_of
 
 LEFT = []
@@ -122,11 +123,23 @@ def test_processes(sim_arm, controller_process, sim_node):
     assert motion.notes == []
 
 def test_the_node(sim_node):
-    node = sim_node(robot='planar2', ros_args=['-r', '__ns:=/left'])
+    # Names of parameters or of settings, and numbers of single joints.
+    more = {'bias_position': {'elbow': 0.25}, 'bias.velocity.elbow': 0.5}
+    node = sim_node(robot='planar2', ros_args=['-r', '__ns:=/left'], **more)
+    reader, states = rclpy.create_node('reader'), []
+    reader.create_subscription(JointState, '/left/joint_states', states.append, 10)
+    while len(states) < 2:
+        rclpy.spin_once(reader)
+    assert (states[1].position[1], states[1].velocity[1]) == (0.25, 0.5)
     assert node.end() == ''
+    assert sim_node(robot='planar2', autostart=False).end() == ''
     # The error is for the test: it is not one of the fixture as well.
-    with pytest.raises(Exception, match='unknown robot'):
-        sim_node(robot='nobody')
+    with pytest.raises(NodeProcessError, match='status 1(.|\\n)*unknown robot'):
+        sim_node(robot='nobody', ros_args=['-r', '__ns:=/right'])
+    with pytest.raises(NodeProcessError, match='ended by SIGKILL'):
+        with NodeProcess({'robot': 'planar2'}) as node:
+            os.kill(node.pid, 9)
+            node.process.wait()
 
 def test_a_wait_in_c_ends(sim_arm, ros_domain):
     node = node_of('timer')

@@ -32,20 +32,14 @@ from pfd_ros.text import cut
 LEVER, WIDE_EFFORT, WIDE_SPEED = 50.0, 1000.0, 100.0
 
 
-def effort_limits(robot: pfd.Robot) -> NDArray[Any]:
-    """Return the largest effort of each joint, (n,) in model order, N m or N; all are finite."""
-    wide = max(WIDE_EFFORT, LEVER * float(np.sum(robot.masses)))
-    return _stated(robot.effort_limit, wide)
+def _stated(limits: NDArray[Any], wide: float) -> NDArray[Any]:
+    # Many models hold 0 for a limit that nobody knew.
+    return np.where((limits > 0.0) & (limits < np.inf), limits, wide)
 
 
 def speed_limits(robot: pfd.Robot) -> NDArray[Any]:
     """Return the speed up to which each motor has its full effort, (n,) in model order, finite."""
     return _stated(robot.velocity_limit, WIDE_SPEED)
-
-
-def _stated(limits: NDArray[Any], wide: float) -> NDArray[Any]:
-    # Many models hold 0 for a limit that nobody knew.
-    return np.where((limits > 0.0) & (limits < np.inf), limits, wide)
 
 
 class Actuators:
@@ -64,7 +58,8 @@ class Actuators:
         self.servo = bool(self.p.any() or self.d.any())
         rate = settings.reflex_effort_rate
         self.largest_jump = rate * settings.step_size if rate else np.inf
-        full, speeds = effort_limits(robot), speed_limits(robot)
+        wide = max(WIDE_EFFORT, LEVER * float(np.sum(robot.masses)))
+        full, speeds = _stated(robot.effort_limit, wide), speed_limits(robot)
         endless = np.full(robot.n, np.inf)
         table = settings.torque_speed and scene.torque_speed is None
         # The first row of a torque-speed table is the largest torque at any speed.

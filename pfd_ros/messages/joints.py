@@ -37,13 +37,7 @@ class Joints(NamedTuple):
 
 
 def decode_joints(data: bytes) -> Joints:
-    """Return the fields of a JointState.
-
-    Raises
-    ------
-    ValueError
-        If the bytes are not such a message.
-    """
+    """Return the fields of a JointState; ValueError if the bytes are not such a message."""
     global _last_head
     reader = Reader(data)
     stamp_ns = reader.time()

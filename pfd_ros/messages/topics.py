@@ -14,10 +14,7 @@ UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
 def message_class(kind: str) -> Any:
     """Return the class of a type such as 'sensor_msgs/msg/JointState'.
 
-    Raises
-    ------
-    ImportError, AttributeError
-        If it is not installed.
+    ImportError or AttributeError if it is not installed.
     """
     package, folder, name = kind.split('/')
     return getattr(importlib.import_module(f'{package}.{folder}'), name)

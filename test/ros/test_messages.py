@@ -366,6 +366,8 @@ def test_a_time_with_a_second_or_more_of_nanoseconds_is_refused() -> None:
             strange = data[:8] + struct.pack('<I', rest) + data[12:]
             with pytest.raises(ValueError, match=f'nanosec of a time is {rest}, expected 0 to'):
                 decode(strange)
+            if decoder == 'state':
+                assert Decoder(JOINT_STATE_TYPE).read([data, strange])[1].tolist() == [0]
 
 
 # ---- many messages at once

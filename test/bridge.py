@@ -67,7 +67,6 @@ NAMES = {
     # pfd_core.model: robots, scenes, the effects and the plant made of both
     'Effect': 'pfd_core.model.effects:Effect',
     'JOINT_VALUES': 'pfd_core.model.effects:JOINTS',
-    'MOTOR_VALUES': 'pfd_core.model.effects:MOTORS',
     'STEP_VALUES': 'pfd_core.model.effects:STEP',
     'rotation_z': 'pfd_core.model.geometry:rotation_z',
     'LARGEST_MODEL_FILE': 'pfd_core.model.loading:LARGEST_FILE',
@@ -147,7 +146,6 @@ NAMES = {
     'thread_count': 'pfd_core.kernels.threads:thread_count',
     'kernel_objects': 'pfd_core.kernels:objects',  # a module: after one that imports it
     # pfd_core.simulation: integrators, stiffness, ensembles
-    'IMEX_DIAGONAL': 'pfd_core.simulation.tableaux:IMEX_DIAGONAL',
     'TABLEAUX': 'pfd_core.simulation.tableaux:TABLEAUX',
     'STIFF_DECAY': 'pfd_core.simulation.stiffness:STIFF',
     'fastest_decay': 'pfd_core.simulation.stiffness:fastest_decay',
@@ -211,7 +209,6 @@ NAMES = {
     'Settings': 'pfd_ros.arm.settings:Settings',
     'SETTING_ROWS': 'pfd_ros.arm.settings:FIELDS',
     'REMOVED_SETTINGS': 'pfd_ros.arm.settings:REMOVED',
-    'joint_values': 'pfd_ros.arm.settings:joint_values',
     'split_joints': 'pfd_ros.arm.settings:split_joints',
     'with_joint_numbers': 'pfd_ros.arm.settings:with_joint_numbers',
     'gain_limits': 'pfd_ros.arm.advice:gain_limits',
@@ -266,8 +263,6 @@ NAMES = {
     # pfd_ros.motion: measures of the motion of a joint
     'overshoot': 'pfd_ros.motion.metrics:overshoot',
     'settling_time': 'pfd_ros.motion.metrics:settling_time',
-    'joint_divergence': 'pfd_ros.motion.symptoms:divergence',
-    'joint_offset': 'pfd_ros.motion.symptoms:offset',
     'oscillation': 'pfd_ros.motion.symptoms:oscillation',
     'symptoms': 'pfd_ros.motion.symptoms:symptoms',
     # pfd_ros.page: a log as an HTML page

@@ -24,7 +24,7 @@ from benchmarks.pages import speed
 from benchmarks.peers import native
 from benchmarks.peers.casadi import casadi_c, vector_casadi
 from benchmarks.peers.others import mujoco
-from benchmarks.peers.ours import CODE, ours
+from benchmarks.peers.ours import ours
 from benchmarks.peers.pinocchio import Pinocchio, pinocchio_cpp
 from benchmarks.peers.work import Arguments, LeftOutError, Peer, Side
 from benchmarks.table import json_text
@@ -208,36 +208,6 @@ def row(way: str, ns: float, work: str = speed.MANY, contents: str = 'C++ for an
     head = {'robot': 'ur5', 'work': work, 'way': way, 'quantity': FORWARD}
     times = {'minimum': ns * 1e-9, 'median': ns * 1e-9, 'times': 1 / ns}
     return head | times | {'contents': contents}
-
-
-def page_data() -> dict[str, Any]:
-    rows = []
-    for work, own in ((speed.MANY, 20.0), (speed.FEW, 45.0)):
-        rows.append(row('Pinocchio C++ aba', 2000.0, work))
-        rows.append(row('CasADi C on vectors, gcc, F order', 30.0, work, 'C for this robot'))
-        rows.append(row('composite_body float64, F order', own, work, CODE))
-    for way, ns in (('kernel(q, qd, tau)', 900.0), ('bound', 100.0)):
-        rows.append(row(f'composite_body float64: {way}', ns, 'call', CODE))
-    rows.append(row('pinocchio.aba', 2000.0, 'call'))
-    data = {'machine': timing.surroundings(), 'rows': rows, 'first': []}
-    excluded = ['frax, forward_dynamics of ur5: absent']
-    found: dict[str, Any] = json.loads(json_text(data | {'excluded': excluded}))
-    return found
-
-
-def test_gains_and_losses_are_against_the_fastest_peer() -> None:
-    many, few, call = speed.results_rows(page_data())
-    assert (many['ours'], many['theirs'], many['speed-up']) == ('20 ns', '30 ns', '1.5')
-    assert (few['ours'], few['theirs'], few['speed-up']) == ('45 ns', '30 ns', '0.667')
-    assert (call['ours'], call['peer']) == ('100 ns / 900 ns', 'pinocchio.aba')
-    assert (call['theirs'], call['speed-up']) == ('2000 ns', '20 / 2.22')
-
-
-def test_the_page_has_a_cell_for_every_row_and_names_what_is_excluded() -> None:
-    data = page_data()
-    text = speed.text(data)
-    assert all(one['way'] in text for one in data['rows'])
-    assert '- frax, forward_dynamics of ur5: absent' in text
 
 
 @pytest.mark.parametrize('path', readme.FILLED, ids=lambda path: path.name)

@@ -17,7 +17,6 @@ from bridge import (
     EFFECT_FIELDS,
     ITERATIVE_METHODS,
     JOINT_VALUES,
-    MOTOR_VALUES,
     STEP_VALUES,
     Effect,
     KernelSpec,
@@ -27,14 +26,13 @@ from bridge import (
     run_program,
 )
 from effect_cases import everything, example, scene_with
-from exact_steps import exact
 from mpmath import mp
 import numpy as np
 from oracle import Oracle, jacobi_condition, relative
 import pinocchio as pin
 import pytest
 from sampling import one_fast
-from tolerances import ACCELERATION, FIFTY_DIGITS, SINGLE
+from tolerances import ACCELERATION, SINGLE
 from zoo import ODD_ARM, Array, random_chain, random_state, slider, to_pinocchio, without_mass
 
 import pfd_core as pfd
@@ -258,63 +256,24 @@ def test_every_kernel_has_every_effect(quantity: str, name: str) -> None:
     assert_equal(found(quantity, scene_of(name)), wanted(quantity, name))
 
 
-def emulated(method: str, scene: pfd.Scene, tau: Any) -> Any:
-    at = state()
-    return pfd.emulate(
-        robot(),
-        at['q'],
-        at['qd'],
-        tau,
-        method=method,
-        scene=scene,
-        wrench=at['wrench'] if scene.external_wrench else None,
-        brakes=BRAKED if scene.brakes else None,
-        digits=DIGITS,
-    ).qdd
-
-
 @cache
 def exact_accelerations(name: str) -> Any:
     with mp.workdps(DIGITS):
         return accelerations(name, state())
 
 
-@cache
-def accelerations_without_effects(method: str) -> Any:
-    with mp.workdps(DIGITS):
-        return emulated(method, scene_with(n=N), fifty(state()['tau']))
-
-
 @pytest.mark.sweep
 @pytest.mark.parametrize('name', INSTANT)
 @pytest.mark.parametrize('method', pfd.METHODS)
 def test_every_method_has_every_effect(method: str, name: str) -> None:
-    effect, scene, tau = INSTANT[name], scene_of(name), fifty(state()['tau'])
-    exact = ITERATED if method in ITERATIVE_METHODS else FIFTY_DIGITS
-    with mp.workdps(DIGITS):
-        qdd = emulated(method, scene, tau)
-        assert_equal(qdd, exact_accelerations(name), max(exact, KERNEL))
-        # A method has rounded parameters of its own, but what the effect adds has 50 digits.
-        bare = accelerations_without_effects(method)
-        if effect.acts == JOINT_VALUES:
-            taken = of_record(effect, scene, moved(state(), qdd=bare))
-            # The pivot of a joint with a rotor has other constants in articulated bodies.
-            found = emulated(method, scene, tau + taken)
-            assert_equal(found, bare, KERNEL if effect.inertia else exact)
-        if effect.acts == MOTOR_VALUES and not effect.at_rest:
-            given = limited(name, tau, fifty(state()['qd']))
-            assert (given != tau).any()
-            assert_equal(emulated(method, scene_with(n=N), given), qdd, exact)
-
-
-@pytest.mark.parametrize('name', INSTANT)
-@pytest.mark.slow
-def test_linearised_steps_have_every_effect(name: str) -> None:
-    scene, at = scene_of(name), [state()[key] for key in STATE]
-    wrench = state()['wrench'] if scene.external_wrench else None
-    simulator = pfd.Simulator(robot(), scene, step_size=H, substeps=1, integrator='rk4')
-    answer = np.hstack(simulator.linearize(*at, wrench))
-    assert_equal(answer, exact(robot(), scene, 'rk4', H, 1, at, wrench))
+    at, scene = state(), scene_of(name)
+    wrench = at['wrench'] if scene.external_wrench else None
+    brakes = BRAKED if scene.brakes else None
+    q, qd, tau = (at[key] for key in STATE)
+    given = {'method': method, 'scene': scene, 'wrench': wrench, 'brakes': brakes}
+    found = pfd.emulate(robot(), q, qd, tau, digits=DIGITS, **given).qdd
+    exact = ITERATED if method in ITERATIVE_METHODS else KERNEL
+    assert_equal(found, exact_accelerations(name), exact)
 
 
 @pytest.mark.parametrize('name', one_fast(OVER_A_STEP))

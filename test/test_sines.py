@@ -120,40 +120,6 @@ def test_every_float32_stays_below_the_promised_ulps() -> None:
     sweep_float32(stride=1)
 
 
-def neighbours(dtype: str) -> tuple[np.ndarray, np.ndarray]:
-    """Every k and the three numbers nearest to k quarter turns."""
-    k = np.arange(1, LARGEST_K)
-    near = (k * (np.pi / 2)).astype(dtype)
-    ends = np.array([-np.inf, np.inf], dtype)
-    x = np.concatenate([np.nextafter(near, ends[0]), near, np.nextafter(near, ends[1])])
-    return np.tile(k, 3), x
-
-
-def test_the_float64_next_to_every_multiple_of_a_quarter_turn_are_as_exact() -> None:
-    k, x = neighbours('float64')
-    sine, cosine = sincos(x, 'float64')
-    even = k % 2 == 0
-    small = np.where(even, sine, cosine) * np.where(np.isin(k % 4, [0, 3]), 1, -1)
-    large = np.where(even, cosine, sine) * np.where(np.isin(k % 4, [0, 1]), 1, -1)
-    assert (large == 1).all()
-    # The small one is the distance d = x - k pi/2: d^3 / 6 is less than 2^-75 of it.
-    for angle, multiple, value in zip(x.tolist(), k.tolist(), small.tolist(), strict=True):
-        error = fixed_point(value) - (fixed_point(angle) - multiple * HALF_PI)
-        assert abs(error) <= ULPS['float64'] * fixed_point(np.spacing(abs(value))), angle
-
-
-def fixed_point(x: float) -> int:
-    numerator, denominator = float(x).as_integer_ratio()
-    return (numerator << HALF_PI_BITS) // denominator
-
-
-def test_the_float32_next_to_every_multiple_of_a_quarter_turn_are_as_exact() -> None:
-    _, x = neighbours('float32')
-    for values, function in zip(sincos(x, 'float32'), (np.sin, np.cos), strict=True):
-        error = ulps(values, function(x.astype(float)))
-        assert error.max() <= ULPS['float32'] + REFERENCE_ULPS, x[error.argmax()]
-
-
 @pytest.mark.parametrize('dtype', FORMATS)
 def test_tiny_and_subnormal_angles_are_their_own_sine(dtype: str) -> None:
     info = np.finfo(dtype)

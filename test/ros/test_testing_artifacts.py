@@ -420,7 +420,7 @@ def test_the_example_repository_passes_its_tests(has_ros: bool, text: str, tmp_p
 def test_the_tests_of_nodes_in_the_guide_pass(site: Path, tmp_path: Path) -> None:
     text = (ROOT / 'docs/guides/testing-a-controller.md').read_text(encoding='utf-8')
     shutil.copytree(EXAMPLE / 'joint_pd', tmp_path / 'joint_pd')
-    # The settings and the goal of the first block, which test_guides.py runs.
+    # The settings and the goal of the first block, which test_docs.py runs.
     lines = re.findall(r'^(?:import numpy|goal = |ur5 = ).*$', text, re.MULTILINE)
     code = '\n'.join([*lines, *re.findall('```py\n(.*?)```', text, re.S)])
     assert '3 passed' in session(site, tmp_path, code)

@@ -29,7 +29,7 @@ To change or add
     a published topic       a row of arm.events.ROLES, a writer in arm.outputs; a line of
                             config/sim_arm.yaml (`outputs`) and of docs/guides/node.md, a case of
                             test/ros/test_arm_outputs.py. A topic that is not published with each
-                            state has a separate publisher, as in node.diagnostics
+                            state has a separate publisher, as in node.lifecycle
     frames of the links     arm.frames: /tf of recordings
     a parameter             a field of arm.settings.Settings, a line of config/sim_arm.yaml
     NaN in a command        arm.commands.named (keeps the last value), arm.commands.array (the

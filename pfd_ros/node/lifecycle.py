@@ -48,7 +48,7 @@ from pfd_ros.node import parameters
 from pfd_ros.node.diagnostics import ERROR, message, status
 from pfd_ros.node.report import Report, introduce, report_arm, summary
 from pfd_ros.node.sim_arm import SimArm
-from pfd_ros.node.threads import END_SECONDS, Threads, described, reason
+from pfd_ros.node.threads import END_SECONDS, MISTAKES, Threads, described, reason
 from pfd_ros.text import cut, one_line
 
 NAME = 'sim_arm'
@@ -73,17 +73,14 @@ CALLS = {
 class SimArmNode(LifecycleNode):
     """The node: parameters, transitions, and the arm from configure to cleanup.
 
-    `mistakes` are exceptions for a wrong parameter or file, which fail a transition; others are
-    faults. `hung` is whether a thread of an arm did not end, and may still use ROS.
+    `hung` is whether a thread of an arm did not end, and may still use ROS.
     """
 
-    def __init__(
-        self, threads: Threads, mistakes: tuple[type[Exception], ...], args: Sequence[str]
-    ) -> None:
+    def __init__(self, threads: Threads, args: Sequence[str]) -> None:
         super().__init__(NAME)
         self.arm: SimArm | None = None
         self.hung = False
-        self._threads, self._mistakes = threads, mistakes
+        self._threads = threads
         # Locked by transitions, and by the main thread while it reports or closes.
         self._lock = threading.Lock()
         self._closed = False
@@ -121,19 +118,19 @@ class SimArmNode(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create the arm."""
-        return self._transition('configure', self._configure)
+        return self._transition('configure')
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start the steps of the arm."""
-        return self._transition('activate', partial(self._request, 'activate'))
+        return self._transition('activate')
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Brake all joints and stop simulated time."""
-        return self._transition('deactivate', partial(self._request, 'deactivate'))
+        return self._transition('deactivate')
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Close the recording and delete the arm."""
-        return self._transition('cleanup', self._clean_up)
+        return self._transition('cleanup')
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """End the process; its main thread closes the recording."""
@@ -142,19 +139,20 @@ class SimArmNode(LifecycleNode):
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Clean up after a fault; the process ends if that fails too."""
-        result = self._transition('cleanup', self._clean_up)
+        result = self._transition('cleanup')
         if result != TransitionCallbackReturn.SUCCESS:
             self._threads.stop.set()
         return result
 
-    def _transition(self, name: str, work: Callable[[], None]) -> TransitionCallbackReturn:
+    def _transition(self, name: str) -> TransitionCallbackReturn:
         """Run a transition; log its error instead of raising it."""
+        work = {'configure': self._configure, 'cleanup': self._clean_up}
         with self._lock:
             if self._closed:
                 return TransitionCallbackReturn.FAILURE
             try:
-                work()
-            except self._mistakes as error:
+                work.get(name, partial(self._request, name))()
+            except MISTAKES as error:
                 self._error = error
                 if not self._starting:
                     self._failed[name] = f'{name} failed: {reason(error)}'

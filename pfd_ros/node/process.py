@@ -22,15 +22,13 @@ import traceback
 from typing import Any, TypeAlias
 
 import rclpy
-from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.experimental.events_executor import EventsExecutor
-from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args, try_shutdown
 
 from pfd_ros.node.lifecycle import NAME, SimArmNode
-from pfd_ros.node.threads import END_SECONDS, Threads, reason
+from pfd_ros.node.threads import END_SECONDS, MISTAKES, Threads, reason
 from pfd_ros.text import cut, listed
 
 REPORT_SECONDS = 1.0
@@ -41,17 +39,6 @@ MOST_FAILURES = 1000
 # A parameter, a remapping or a log level, and the options that take one.
 RULE = re.compile(r'[^-\s=]\S*?:=')
 TAKE_RULES = frozenset({'-p', '--param', '-r', '--remap', '--log-level'})
-# Errors of rclpy and this package for a wrong argument, parameter or file.
-MISTAKES = (
-    ValueError,
-    OSError,
-    RuntimeError,
-    ParameterException,
-    NameValidationException,
-    InvalidQosOverridesError,
-)
-
-
 # A process that accompanies the node, such as its 3D view, with the methods start(name of the
 # node), ended() -> how it ended, '' while it runs, and stop().
 Companion: TypeAlias = Any
@@ -89,7 +76,7 @@ def _run(args: list[str], stop: threading.Event, companion: Companion | None) ->
     _check_arguments(args)
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     threads = Threads(stop)
-    node = SimArmNode(threads, MISTAKES, args)
+    node = SimArmNode(threads, args)
     node.start()
     if companion is not None:
         # A fault here ends the node, and closes its recording.

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Supervised threads: if one ends unexpectedly, the process is stopped."""
+"""Supervised threads: if one ends unexpectedly, the process is stopped. One line for an error."""
 
 from __future__ import annotations
 
@@ -9,10 +9,22 @@ import os
 import threading
 import traceback
 
+from rclpy.exceptions import NameValidationException, ParameterException
+from rclpy.qos_overriding_options import InvalidQosOverridesError
+
 from pfd_ros.text import one_line
 
 # For each thread to end, and for ROS and the interpreter to go down.
 END_SECONDS = 10
+# Errors of rclpy and this package for a wrong argument, parameter or file.
+MISTAKES = (
+    ValueError,
+    OSError,
+    RuntimeError,
+    ParameterException,
+    NameValidationException,
+    InvalidQosOverridesError,
+)
 
 
 class Threads:

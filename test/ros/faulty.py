@@ -160,10 +160,10 @@ def hang_in_a_step() -> None:
 
 
 def sync_within(seconds: float) -> None:
-    """Let the disk need so long for what it is given, which is little; the node waits 2 s."""
+    """Let the disk need so long for what it is given, which is little; the node waits 1 s."""
     bridge.put('SYNC_SECONDS', 0.0)
     bridge.put('QUEUE_BYTES', 40_000)
-    bridge.put('DEAD_SECONDS', 2.0)
+    bridge.put('DEAD_SECONDS', 1.0)
     os.fdatasync = lambda number: time.sleep(seconds)
 
 
@@ -199,7 +199,7 @@ FAULTS = {
     'reports_often': report_often,
     'stepping_fails': lambda: at_cycle(200, fail),
     'disk_is_slow': lambda: sync_within(0.2),
-    'disk_is_dead': lambda: sync_within(6.0),
+    'disk_is_dead': lambda: sync_within(3.0),
     'companion_fails': accompany,
     'stepping_hangs': hang_in_a_step,
     'configuring_fails': lambda: bridge.put('lifecycle_SimArm', fail),

@@ -146,7 +146,7 @@ def test_at_unlimited_speed_lockstep_waits_for_its_recording(processes: Processe
     settings = ('-p', 'recording:=arm.mcap', '-p', 'real_time_factor:=0.0')
     arm = processes.faulty('disk_is_slow', *settings, '-p', 'lockstep:=true')
     processes.python(str(Path(__file__).with_name('answering.py')))
-    wait_for_bytes(arm, processes.folder / 'arm.mcap', 100_000)
+    wait_for_bytes(arm, processes.folder / 'arm.mcap', 60_000)
     arm.stop()
     assert verify_log(processes.folder / 'arm.mcap').compared['joint_commands'] > 100
 

@@ -171,9 +171,11 @@ def compare(
                 if len(curve[0]):
                     curves[pair[0], item, name] = curve
     if not curves:
+        one, two = a[pairs[0][0]], b[pairs[0][1]]
         raise ValueError(
             f'{a.path} and {b.path} have no joint with values at common times: joints are '
-            f'{listed(a[pairs[0][0]].names)} and {listed(b[pairs[0][1]].names)}, lag {lag:.6g} s'
+            f'{listed(one.names)} and {listed(two.names)}, lag {lag:.6g} s; '
+            f'{one.unreadable} and {two.unreadable} messages cannot be read'
         )
     overlap = max(float(np.ptp(time)) for time, _, _ in curves.values())
     periods = [

@@ -23,11 +23,10 @@ import re
 from typing import NamedTuple
 
 import numpy as np
-from rosbags.typesys import TypesysError, get_types_from_msg
 
 from pfd_ros.arm.events import CLOCK_TICKS, INPUTS, ROLES
 from pfd_ros.messages.cdr import NANOSECONDS
-from pfd_ros.messages.definitions import known_types
+from pfd_ros.messages.definitions import known_types, store_of, type_hash
 from pfd_ros.messages.qos import Qos, offered_qos
 from pfd_ros.messages.topics import message_class
 from pfd_ros.recording.arrays import roles_of
@@ -246,16 +245,14 @@ def obstacle_of(topic: BagTopic) -> str:
         message_class(topic.type)
     except (ImportError, AttributeError):
         return f'type {cut(topic.type)} is not installed'
-    if not topic.definition:
+    if not topic.definition or topic.type not in known_types().fielddefs:
         return ''
     try:
-        types = get_types_from_msg(topic.definition, topic.type)
-    except (TypesysError, ValueError, RecursionError) as error:
-        return f'its definition of {cut(topic.type)} cannot be read: {cut(str(error))}'
-    known = known_types().fielddefs
-    for kind, (_, fields) in types.items():
-        if kind in known and list(known[kind][1]) != list(fields):
-            return f'its type {cut(kind)} has other fields than the installed one'
+        found = store_of(topic.type, topic.definition).hash_rihs01(topic.type)
+    except ValueError as error:
+        return str(error)
+    if found != type_hash(topic.type):
+        return f'its type {cut(topic.type)} has other fields than the installed one'
     return ''
 
 

@@ -143,7 +143,7 @@ UNPUBLISHED = {
         '',
         'type nobody_msgs/msg/Thing is not installed',
     ),
-    '/wrong': (STRING, 'cdr', 'string', f'its definition of {STRING} cannot be read: '),
+    '/wrong': (STRING, 'cdr', 'string', f'definition of {STRING} cannot be read: '),
 }
 
 

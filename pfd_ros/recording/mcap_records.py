@@ -11,7 +11,7 @@ Source: the MCAP format specification, version 0.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from io import BytesIO
 import os
@@ -38,7 +38,7 @@ MAGIC = b'\x89MCAP0\r\n'
 RECORD_BYTES, TEXT_BYTES, CHANNELS = 1 << 28, 1 << 22, 4096
 # Bounds of all unpacked chunks: so many times the file, and bytes beyond that.
 EXPANSION, SLACK_BYTES = 200, 1 << 24
-FRAME, _PREFIX = struct.Struct('<BQ'), struct.Struct('<HIQQ')
+_FRAME, _PREFIX = struct.Struct('<BQ'), struct.Struct('<HIQQ')
 _PARSERS: dict[int, Any] = {
     Opcode.HEADER: kinds.Header,
     Opcode.FOOTER: Footer,
@@ -76,8 +76,7 @@ def records(path: Path | str, *, expansion: float = EXPANSION) -> Iterator[McapR
         begin = stream.read(64)
         if not begin or not begin.startswith(MAGIC[: len(begin)]):
             raise LogError(f'{path} {foreign(begin)}')
-        stream.seek(0)
-        reader = _Reader(stream)
+        reader = Reader(stream)
         try:
             yield from _all(reader, os.fstat(stream.fileno()).st_size, expansion)
         except LogError as error:
@@ -111,7 +110,7 @@ def opened(path: Path | str) -> Iterator[BinaryIO]:
         yield stream
 
 
-def _all(reader: _Reader, size: int, expansion: float) -> Iterator[McapRecord]:
+def _all(reader: Reader, size: int, expansion: float) -> Iterator[McapRecord]:
     known: set[tuple[type, int]] = set()
     left, footer = SLACK_BYTES + expansion * size, None
     try:
@@ -158,19 +157,28 @@ class _Fields(ReadDataStream):
         return self.read(self.read4()).decode('utf-8', 'replace')
 
 
-class _Reader(StreamReader):
-    """The reader of the package, whose records cannot reach beyond their length."""
+class Reader(StreamReader):
+    """The reader of the package, from a place of a file on; no field reaches beyond its record.
 
-    def __init__(self, stream: BinaryIO) -> None:
+    No record reaches beyond one of `ends`. `done` is the place after the last whole record.
+    """
+
+    def __init__(self, stream: BinaryIO, at: int = 0, ends: Sequence[int] = ()) -> None:
+        stream.seek(at)
         super().__init__(
-            stream, emit_chunks=True, validate_crcs=True, record_size_limit=RECORD_BYTES
+            stream,
+            skip_magic=at > 0,
+            emit_chunks=True,
+            validate_crcs=True,
+            record_size_limit=RECORD_BYTES,
         )
-        self._file = stream
+        self._file, self._at, self._ends = stream, at, ends
+        self.done = max(at, len(MAGIC))
 
     @property
     def place(self) -> int:
-        """Bytes read so far."""
-        return int(self._stream.count)
+        """The place in the file up to which it was read."""
+        return self._at + int(self._stream.count)
 
     def ends_with_magic(self) -> bool:
         """Return whether the file ends as a complete one; reading cannot go on afterwards."""
@@ -179,13 +187,17 @@ class _Reader(StreamReader):
         return end > len(MAGIC) and self._file.read() == MAGIC
 
     def _read_record(self, opcode: int, length: int) -> McapRecord | None:
+        begin = self.place
+        if any(begin < end < begin + length for end in self._ends):
+            raise EndOfFile
         body = self._stream.read(length)
         if len(body) < length:
             raise EndOfFile
-        return parsed(opcode, body)
+        self.done = self.place
+        return _parsed(opcode, body)
 
 
-def parsed(opcode: int, body: bytes) -> McapRecord | None:
+def _parsed(opcode: int, body: bytes) -> McapRecord | None:
     """Return the record of a body; None for an index, a later version's, or a private one."""
     if opcode == Opcode.MESSAGE:
         if len(body) < _PREFIX.size:
@@ -228,10 +240,10 @@ def unpacked(chunk: Chunk) -> bytes:
 
 def records_of(data: bytes) -> Iterator[McapRecord]:
     """Yield the schemas, channels and messages of an unpacked chunk."""
-    at, size, frame, prefix, head = 0, len(data), FRAME.unpack_from, _PREFIX.unpack_from, 22
+    at, size, frame, prefix, head = 0, len(data), _FRAME.unpack_from, _PREFIX.unpack_from, 22
     message = Opcode.MESSAGE
     while at < size:
-        if size - at < FRAME.size:
+        if size - at < _FRAME.size:
             raise ValueError('a chunk ends within a record')
         opcode, length = frame(data, at)
         begin = at + 9
@@ -242,6 +254,6 @@ def records_of(data: bytes) -> Iterator[McapRecord]:
             channel, sequence, log_ns, publish_ns = prefix(data, begin)
             yield Message(channel, log_ns, data[begin + head : at], publish_ns, sequence)
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
-            record = parsed(opcode, data[begin:at])
+            record = _parsed(opcode, data[begin:at])
             if record is not None:
                 yield record

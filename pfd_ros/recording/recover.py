@@ -14,31 +14,28 @@ from collections.abc import Iterator
 from contextlib import suppress
 import os
 from pathlib import Path
+import struct
 from typing import BinaryIO, NamedTuple
 
+from mcap.exceptions import EndOfFile, RecordLengthLimitExceeded
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import CRCValidationError
 from mcap.writer import Writer
 
 from pfd_ros.files import new_file
 from pfd_ros.recording.format import LogError, damage_named
 from pfd_ros.recording.mcap_records import (
-    FRAME,
     MAGIC,
     RECORD_BYTES,
+    Reader,
     foreign,
     opened,
-    parsed,
-    records,
     records_of,
     unpacked,
 )
 
-# Records that are copied, or hold such.
-COPIED = frozenset(
-    Opcode[name] for name in ('SCHEMA', 'CHANNEL', 'MESSAGE', 'CHUNK', 'METADATA', 'ATTACHMENT')
-)
 # Lost parts that are kept: a hostile file could have any number.
 MOST_LOST = 1000
 
@@ -63,12 +60,6 @@ def recover(source: Path, target: Path) -> Recovered:
             raise LogError(f'{source} {foreign(begin)}')
         with new_file(target) as written:
             messages = _copy(stream, written, lost)
-    if not lost:  # outside the chunks only checksums of the whole file show damage
-        try:
-            for _ in records(source, expansion=float('inf')):
-                pass
-        except LogError as error:
-            lost.append(f'data outside the chunks, which cannot be checked: {error}')
     return Recovered(messages, lost[:MOST_LOST])
 
 
@@ -82,7 +73,7 @@ def _copy(stream: BinaryIO, written: BinaryIO, lost: list[str]) -> int:
         if (summary := reader.get_summary()) is not None:
             channels, schemas = summary.channels, summary.schemas
             places = sorted(index.chunk_start_offset for index in summary.chunk_indexes)
-            chunks = [place for place in places if _byte(stream, place) == Opcode.CHUNK]
+            chunks = [place for place in places if _begins_chunk(stream, place)]
     writer, messages = Writer(written, enable_data_crcs=True), 0
     writer.start(profile, 'pfd recover')
     # Numbers in the new file, whose writer counts anew.
@@ -122,9 +113,9 @@ def _copy(stream: BinaryIO, written: BinaryIO, lost: list[str]) -> int:
     return messages
 
 
-def _byte(stream: BinaryIO, place: int) -> int:
+def _begins_chunk(stream: BinaryIO, place: int) -> bool:
     stream.seek(place)
-    return stream.read(1)[0]
+    return stream.read(1)[0] == Opcode.CHUNK
 
 
 def _readable(stream: BinaryIO, chunks: list[int], lost: list[str]) -> Iterator[McapRecord]:
@@ -132,35 +123,31 @@ def _readable(stream: BinaryIO, chunks: list[int], lost: list[str]) -> Iterator[
 
     `chunks` are the places of the chunks by the index, increasing; none without an index.
     """
-    at, size = len(MAGIC), os.fstat(stream.fileno()).st_size
+    at, size = 0, os.fstat(stream.fileno()).st_size
     while True:
-        stream.seek(at)
-        frame = stream.read(FRAME.size)
-        begin = at + FRAME.size
-        # A disk without power leaves zeros.
-        kind, length = FRAME.unpack(frame) if len(frame) == FRAME.size else (0, 0)
-        end = begin + length
-        if kind == Opcode.FOOTER and end + len(MAGIC) == size:
-            return
-        following = next((place for place in chunks if place > at), None)
-        if not kind or end > (following or size) or length > RECORD_BYTES:
-            if following is None:
-                lost.append(f'the end, from byte {at} on')
-                return
-            lost.append(f'{following - at} bytes at byte {at}: their length is damaged')
-            at = following
-            continue
-        at = end
-        if kind not in COPIED:
-            continue
+        reader = Reader(stream, at, chunks)
         try:
-            found = [parsed(kind, stream.read(length))]
-            if isinstance(chunk := found[0], Chunk):
-                if chunk.uncompressed_size > RECORD_BYTES:
-                    raise ValueError(f'a chunk holds {chunk.uncompressed_size} bytes')
+            for found in reader.records:
+                if not isinstance(found, Chunk):
+                    yield found
+                    continue
+                if found.uncompressed_size > RECORD_BYTES:
+                    raise ValueError(f'a chunk holds {found.uncompressed_size} bytes')
                 # As a whole, or its checksum means nothing.
-                found = list(records_of(unpacked(chunk)))
+                yield from list(records_of(unpacked(found)))
+            if reader.place == size:
+                return
+            at = reader.place  # another file follows
+        except (EndOfFile, struct.error, RecordLengthLimitExceeded):  # damage of a frame, or a cut
+            bad = reader.done
+            following = next((place for place in chunks if place > bad), None)
+            if following is None:
+                lost.append(f'the end, from byte {bad} on')
+                return
+            lost.append(f'{following - bad} bytes at byte {bad}: their length is damaged')
+            at = following
         except Exception as error:  # damage has as many exceptions as parsers
-            lost.append(f'{length} bytes at byte {begin}: {error or type(error).__name__}')
-        else:
-            yield from filter(None, found)
+            at = reader.place
+            # After other damage the checksum of all data says nothing more.
+            if not (lost and isinstance(error, CRCValidationError)):
+                lost.append(f'bytes before byte {at}: {error or type(error).__name__}')

@@ -44,8 +44,8 @@ To change or add
                             replay.changed_settings, inputs in replay.inputs.run_inputs, the new
                             file by recording.recorder, both compared by replay.compare.compare
     a check of a page       page.findings.find, fed by page.recorded.Recorded
-    what `pfd view` draws   view.arm.Stage and view.loads; from a new topic also view.logged and
-                            view.live
+    what `pfd view` draws   view.arm.Stage and view.loads; from a new topic also a Source in
+                            view.loads, view.logged.ShownLog and view.live.Shown
     a `pfd` command         a Command in a module of cli, a row of cli.main.COMMANDS
 """
 

@@ -4,14 +4,12 @@
 
 Subscribes to `joint_states` and answers each with efforts on `joint_commands`. It knows links and
 rotors of the arm, not its friction and payload. In the middle of the motion the process pushes the
-tip: one message on `sim_arm/external_wrench`. Prints one line of JSON with its counts when its
-motion is over.
+tip: one message on `sim_arm/external_wrench`.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 
 from geometry_msgs.msg import WrenchStamped
@@ -44,7 +42,6 @@ class Controller(Node):
         efforts(self.robot, self.motion, 0.0, *self.motion.at(0.0)[:2])
         self.length_ns = round(seconds * NANOSECONDS)
         self.ended: Future = Future()
-        self.sent = 0
         self.found_ns: int | None = None
         self.pushed = False
         self.publisher = self.create_publisher(JointState, 'joint_commands', 10)
@@ -76,7 +73,6 @@ class Controller(Node):
         command = JointState(name=names, position=wanted, effort=effort.tolist())
         command.header.stamp = state.header.stamp
         self.publisher.publish(command)
-        self.sent += 1
 
     def push(self) -> None:
         """Push the tip, for the time that the arm's parameter `external_wrench_timeout` states."""
@@ -101,10 +97,8 @@ def main(args: list[str] | None = None) -> int:
     executor.add_node(node)
     executor.spin_until_future_complete(node.ended, LONGEST_SECONDS)
     node.publisher.wait_for_all_acked(Duration(seconds=1))
-    counts = {'sent': node.sent}
     node.destroy_node()
     try_shutdown()
-    print(json.dumps(counts), flush=True)
     return 0
 
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 import itertools
-import json
 import os
 from pathlib import Path
 import re
@@ -41,8 +40,6 @@ from pfd_ros.view.process import ViewProcess
 START_SECONDS, STOP_SECONDS, PAGE_SECONDS, POLL_SECONDS = 60.0, 20.0, 20.0, 0.05
 # The arm brakes this long after the controller ended, s; longer than delays on a busy machine.
 TIMEOUT_SECONDS = 0.5
-# At depth 1 a newer command may replace a waiting one; the demo counts every command.
-COMMAND_DEPTH = 10
 COMMANDS = 'joint_commands'
 # Tolerance of the mean period, relative.
 RATE_TOLERANCE = 0.01
@@ -83,12 +80,10 @@ def run_demo(robot_name: str, seconds: float, folder: Path, view_port: int | Non
     base = next(name for name in names if not name.with_suffix('.mcap').exists())
     # A unique name, in case the domain is used by others.
     namespace = f'/pfd_demo_{secrets.token_hex(4)}'
-    depth = {f'{namespace}/{COMMANDS}': {'subscription': {'depth': COMMAND_DEPTH}}}
     parameters = {
         'robot': robot_name,
         'recording': f'{base}.mcap',
         'command_timeout': TIMEOUT_SECONDS,
-        'qos_overrides': depth,
         **scenario.parameters(robot, seconds),
     }
     text = yaml.safe_dump({'/**': {'ros__parameters': parameters}})
@@ -125,10 +120,9 @@ def run_demo(robot_name: str, seconds: float, folder: Path, view_port: int | Non
                 problems.append(f'a process ended with status {status}, see {child.output}')
         if view is not None and view.ended():
             problems.append(f'{view.ended()}, see {view.output}')
-        printed = controller.text()
     if not problems:
         try:
-            problems += _results(base, robot, json.loads(printed.splitlines()[-1])['sent'])
+            problems += _results(base, robot)
         except (ValueError, OSError) as error:
             problems.append(str(error))
     for problem in problems:
@@ -158,7 +152,7 @@ def _show_page(view: ViewProcess, node: str) -> None:
         _wait(lambda: OPENED in view.text() or view.ended(), PAGE_SECONDS)
 
 
-def _results(base: Path, robot: pfd.Robot, sent: int) -> Iterator[str]:
+def _results(base: Path, robot: pfd.Robot) -> Iterator[str]:
     """Print what the log shows, write its page, and yield the problems."""
     path = base.with_suffix('.mcap')
     found = verify(path)
@@ -180,8 +174,6 @@ def _results(base: Path, robot: pfd.Robot, sent: int) -> Iterator[str]:
     off = max((item.largest for item in errors), default=np.inf)
     if off > TRACKING_LIMIT and not slow:
         yield f'the arm was {off:.3g} off its motion, expected {TRACKING_LIMIT} at most'
-    recorded = len(log[commands])
-    print(f'commands   sent {sent}, recorded {recorded}, lost {sent - recorded}')
     shown = page(log, robot=robot)
     shown.write(base.with_suffix('.html'))
     yield from shown.unreadable
@@ -194,13 +186,8 @@ def _rate(log: LogArrays, topic: str) -> bool:
     states = log[topic]
     assert states.stamp_ns is not None
     expected = NANOSECONDS / float(np.median(np.diff(states.stamp_ns)))
-    periods = np.diff(states.log_ns) / NANOSECONDS
-    jitter = np.quantile(np.abs(periods - 1 / expected), (0.5, 0.99, 1.0)) * 1e6
-    rate = 1 / periods.mean()
-    print(
-        f'rate       {rate:.2f} Hz of {expected:g} Hz; jitter: median {jitter[0]:.0f} us, 99 % '
-        f'{jitter[1]:.0f} us, largest {jitter[2]:.0f} us'
-    )
+    rate = NANOSECONDS / float(np.diff(states.log_ns).mean())
+    print(f'rate       {rate:.2f} Hz of {expected:g} Hz')
     slow = bool(rate < (1 - RATE_TOLERANCE) * expected)
     if slow:
         print('           this machine is too slow for real time now: see `pfd doctor`, clock')

@@ -120,20 +120,11 @@ def symptoms(
     period: float,
     commanded: bool = True,
 ) -> str:
-    """Return the diagnosis of one joint, on one line.
+    """Return the diagnosis of one joint by its samples (N,), on one line.
 
-    Parameters
-    ----------
-    time, q, qd, tau
-        Its samples, (N,).
-    target
-        Target position, a reference (N,), or None.
-    limits
-        Of each limit its name, the samples that it bounds, and the bounds.
-    period
-        The control period, s.
-    commanded
-        Whether the joint was ever commanded: it is braked until then.
+    The target is a position, a reference (N,), or None. `limits` has of each limit its name, the
+    samples that it bounds, and the bounds; `period` is the control period [s]. A joint is braked
+    until it is `commanded`.
     """
     if not commanded:
         return 'never commanded: braked'

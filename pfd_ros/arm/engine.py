@@ -216,8 +216,8 @@ class Engine(Arm):
                 outputs.add_state(messages, published=published)
             if published and self.lockstep:
                 state.waits = state.commanded
-        if outputs.ticks:
-            outputs.add_clock(messages)
+        if outputs.timed:
+            outputs.add_timed(messages)
         if state.waits:
             state.since_ns = state.origin_ns + state.step * self._step_ns
 
@@ -228,7 +228,7 @@ class Engine(Arm):
         """
         messages: list[Message] = []
         self.outputs.add_state(messages, published=True)
-        self.outputs.add_clock(messages, again=True)
+        self.outputs.add_timed(messages, again=True)
         return messages
 
     def counts(self) -> list[Message]:

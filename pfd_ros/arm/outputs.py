@@ -20,6 +20,7 @@ ROS 2 has one type. Numbers are finite: an overflow is 0.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from functools import partial
 import math
 from typing import Any
 
@@ -51,19 +52,20 @@ class Outputs:
 
     def __init__(self, arm: Arm, roles: Collection[str], frames: LinkFrames | None) -> None:
         settings = arm.state.first
-        self.arm, self.frames = arm, frames
+        self.arm = arm
         self._states, self._payload = events.STATES in roles, events.PAYLOAD_IN_USE in roles
         self._encoder = joint_encoder(arm.names, settings.frame_id, arm.locked)
-        clock = settings.publish_clock and events.CLOCK in roles
-        self._clock_every = settings.clock_every if clock else 0
-        tf = frames is not None and events.TF in frames.roles and events.TF in roles
-        self._tf_every = frames.every if tf and frames is not None else 0
+        # Role, cycles from one message to the next, and encoder, of ticks and frames of links.
+        self.timed: list[tuple[str, int, Callable[[int], bytes]]] = []
+        if settings.publish_clock and events.CLOCK in roles:
+            self.timed.append((events.CLOCK, settings.clock_every, encode_clock))
+        if frames is not None and events.TF in frames.roles.intersection(roles):
+            self.timed.append((events.TF, frames.every, partial(_frames, frames, arm)))
         wrench = (events.TIP_WRENCH,) * arm.wrenched
         enabled = {*settings.outputs, *wrench}.intersection(roles)
         self._further = [role for role in OPTIONAL if role in enabled]
-        # Whether cycles with a state have any message, and whether some have a tick or frames.
+        # Whether cycles with a state have any message.
         self.shows = self._states or bool(self._further)
-        self.ticks = bool(self._clock_every or self._tf_every)
         # In model order, as kernels are bound to them.
         self.q, self.qd, self.tau = self.row = np.zeros((3, arm.robot.n))
         self.wrench = np.zeros(6)
@@ -97,17 +99,12 @@ class Outputs:
                 data = encoder.encode(stamp_ns, _finite(values()))
                 messages.append(Message(role, data, state.cycle))
 
-    def add_clock(self, messages: list[Message], *, again: bool = False) -> None:
+    def add_timed(self, messages: list[Message], *, again: bool = False) -> None:
         """Add the tick and the frames of this cycle; with `again` the tick alone, at any cycle."""
-        cycle, every = self.arm.state.cycle, self._clock_every
-        if every and (again or cycle % every == 0):
-            messages.append(Message(events.CLOCK, encode_clock(self.arm.stamp_ns), cycle))
-        if again or not self._tf_every or cycle % self._tf_every:
-            return
-        state, frames = self.arm.state, self.frames
-        assert frames is not None
-        data = frames.encode(self.arm.stamp_ns, state.rows[state.now, 0])
-        messages.append(Message(events.TF, data, cycle))
+        cycle, stamp_ns = self.arm.state.cycle, self.arm.stamp_ns
+        for role, every, encode in self.timed:
+            if role == events.CLOCK if again else cycle % every == 0:
+                messages.append(Message(role, encode(stamp_ns), cycle))
 
     def bound(self, role: str) -> Values:
         """Return a function without arguments that evaluates the kernel of an output."""
@@ -121,6 +118,10 @@ class Outputs:
             **{name: getattr(self, name) for name in names}, out=np.zeros(kernel.shape), **payload
         )
         return bound
+
+
+def _frames(frames: LinkFrames, arm: Arm, stamp_ns: int) -> bytes:
+    return frames.encode(stamp_ns, arm.state.rows[arm.state.now, 0])
 
 
 def _true_states(given: Outputs, role: str) -> Writer:

@@ -136,6 +136,7 @@ def test_initial_values_are_taken_in_the_order_of_the_joints_where_none_are_give
     found = described(values, joints=('elbow', 'shoulder'))
     assert found.settings.initial_positions == (0.0, -0.15)
     assert found.settings.locks == {'finger': 0.04, 'thumb': -0.04}
+    assert found.robot == pfd.load_robot(found.text, locked={'finger': 0.04})
     assert [line.partition(' ')[0] for line in found.taken] == [
         'initial_positions',
         'locked_positions',

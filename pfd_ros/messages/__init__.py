@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bytes of ROS 2 messages to arrays and back, without ROS.
 
-    cdr                the wire format, one value at a time
+    cdr                the wire format, one value at a time; messages that are laid out once
     types              names of message types
-    definitions        definitions and hashes of types, and their decoders; rosbags does the work
+    definitions        definitions and hashes of types; rosbags does the work
     joints             JointState
     numbers            a stamp and a fixed count of numbers: clock, pose, wrench; frames of links
     text_and_arrays    String and Float64MultiArray
-    columns            fields of many messages of any type as arrays, by its definition
+    columns            the fields of messages of any type, by its definition; of many as arrays
     qos                QoS profiles as rosbag2 writes them
     topics             topics and message classes for nodes of rclpy
     matching           why endpoints of other nodes are not connected

@@ -41,8 +41,9 @@ To change or add
                             recording.recorder.Recorder; from recording.provenance.versions and
                             recording.recorder.totals_of
     what-if                 cli.logs -> replay.what_if.what_if: changes of the arm in
-                            replay.changed_settings, inputs in replay.inputs.run_inputs, the new
-                            file by recording.recorder, both compared by replay.compare.compare
+                            replay.changed_settings, inputs in replay.inputs (of a bag in
+                            replay.bag_inputs), the new file by recording.recorder, both motions
+                            by replay.compare.aligned
     a check of a page       page.findings.find, fed by page.recorded.Recorded
     what `pfd view` draws   view.arm.Stage and view.loads; from a new topic also a Source in
                             view.loads, view.logged.ShownLog and view.live.Shown

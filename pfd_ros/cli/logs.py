@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from dataclasses import asdict
 from datetime import datetime, timezone
 import json
 from pathlib import Path
@@ -32,7 +31,6 @@ from pfd_ros.cli.terminal import (
 from pfd_ros.node.main import ignore_signals, stop_on_signals
 
 if TYPE_CHECKING:
-    from pfd_ros.recording.facts import Facts
     from pfd_ros.replay.compare import Curves
 
 INCOMPLETE = 3
@@ -200,31 +198,32 @@ def _info(given: argparse.Namespace) -> int:
 
     found = facts(given.log)
     if given.json:
-        _print_json(asdict(found))
+        _print_json(found)
     else:
         print_lines(_info_lines(found), LONGEST_LINE)
-    unread = [f'{name}: {t.unreadable}' for name, t in found.topics.items() if t.unreadable]
+    topics = found['topics'].items()
+    unread = [f'{name}: {t["unreadable"]}' for name, t in topics if t['unreadable']]
     return status_of(given, unread)
 
 
-def _info_lines(found: Facts) -> Iterator[str]:
+def _info_lines(found: dict[str, Any]) -> Iterator[str]:
     """Yield the lines about any log, as `ros2 bag info` has them."""
-    yield f'log        {found.path}'
-    yield f'size       {found.bytes / 1e6:.3f} MB{"" if found.complete else ", cut off"}'
-    yield f'messages   {found.messages}'
-    if found.begin_ns is not None and found.end_ns is not None:
-        yield f'begin      {_date(found.begin_ns, simulated=found.simulated)}'
-        yield f'end        {_date(found.end_ns, simulated=found.simulated)}'
-        yield f'length     {(found.end_ns - found.begin_ns) / NANOSECONDS:.6f} s'
-    names = max(map(len, found.topics), default=0)
-    kinds = max((len(topic.type) for topic in found.topics.values()), default=0)
-    for name, topic in found.topics.items():
-        line = f'topic      {name:{names}}  {topic.type:{kinds}}  {topic.messages:8}'
-        if topic.median_interval_ns is not None and topic.longest_gap_ns is not None:
-            median, gap = topic.median_interval_ns * 1e-6, topic.longest_gap_ns * 1e-6
+    yield f'log        {found["path"]}'
+    yield f'size       {found["bytes"] / 1e6:.3f} MB{"" if found["complete"] else ", cut off"}'
+    yield f'messages   {found["messages"]}'
+    if found['begin_ns'] is not None and found['end_ns'] is not None:
+        yield f'begin      {_date(found["begin_ns"], simulated=found["simulated"])}'
+        yield f'end        {_date(found["end_ns"], simulated=found["simulated"])}'
+        yield f'length     {(found["end_ns"] - found["begin_ns"]) / NANOSECONDS:.6f} s'
+    names = max(map(len, found['topics']), default=0)
+    kinds = max((len(topic['type']) for topic in found['topics'].values()), default=0)
+    for name, topic in found['topics'].items():
+        line = f'topic      {name:{names}}  {topic["type"]:{kinds}}  {topic["messages"]:8}'
+        if topic['median_interval_ns'] is not None and topic['longest_gap_ns'] is not None:
+            median, gap = topic['median_interval_ns'] * 1e-6, topic['longest_gap_ns'] * 1e-6
             line += f'  every {median:.3f} ms, longest gap {gap:.3f} ms'
-        yield line + (f'  not decoded: {topic.obstacle}' if topic.obstacle else '')
-    for name, values in (('totals', found.end.get('totals')), ('settings', found.settings)):
+        yield line + (f'  not decoded: {topic["obstacle"]}' if topic['obstacle'] else '')
+    for name, values in (('totals', found['end'].get('totals')), ('settings', found['settings'])):
         if values:
             yield f'{name:10} {", ".join(f"{key}={value}" for key, value in values.items())}'
 

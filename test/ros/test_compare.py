@@ -123,9 +123,9 @@ def test_inputs_that_the_node_refused_are_no_obstacle(tmp_path: Path) -> None:
     found = compare_logs(a, b)
     assert found.only_in_a == ('/joint_commands: 1 messages that cannot be read',)
     assert not found.within
-    facts = log_facts(tmp_path / 'a.mcap').topics['/joint_commands']
-    assert (facts.messages, facts.unreadable) == (2, '')
-    assert facts.obstacle == '1 of 2 messages, which the node refused'
+    facts = log_facts(tmp_path / 'a.mcap')['topics']['/joint_commands']
+    assert (facts['messages'], facts['unreadable']) == (2, '')
+    assert facts['obstacle'] == '1 of 2 messages, which the node refused'
 
 
 def test_a_difference_between_messages_without_times_is_found(tmp_path: Path) -> None:

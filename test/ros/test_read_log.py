@@ -125,8 +125,8 @@ def test_two_publishers_of_one_topic_are_joined_by_joint(tmp_path: Path) -> None
             np.testing.assert_allclose(np.diff(found.time[chosen]), 0.01, atol=1e-6)
         others = np.setdiff1d(np.arange(60), found.rows(names[0]))
         assert np.isnan(found.position[np.ix_(others, [found.names.index(names[0])])]).all()
-    (topic,) = log_facts(path).topics.values()
-    assert topic.median_interval_ns == pytest.approx(10_000_000, abs=2)
+    (topic,) = log_facts(path)['topics'].values()
+    assert topic['median_interval_ns'] == pytest.approx(10_000_000, abs=2)
 
 
 @pytest.mark.parametrize('kind', ['mcap', 'sqlite'])
@@ -143,7 +143,7 @@ def test_messages_are_read_in_the_order_of_their_log_times(tmp_path: Path, kind:
     np.testing.assert_array_equal(found.log_ns, found.stamp_ns)
     assert log.messages(STATES) == [row.data for row in (*rows[50:], *rows[:25])]
     facts = log_facts(path)
-    assert facts.end_ns - facts.begin_ns == 990_000_000
+    assert facts['end_ns'] - facts['begin_ns'] == 990_000_000
 
 
 def test_equal_log_times_keep_the_order_of_the_file_and_too_late_ones_are_damage(
@@ -249,7 +249,7 @@ def test_a_message_that_cannot_be_decoded_is_an_error_unless_it_is_counted(tmp_p
     kept = [k for k in range(20) if k % 4 != 1]
     np.testing.assert_array_equal(found.position, [motion(0.01 * k)[0] for k in kept])
     assert len(counted.messages(STATES)) == len(counted.received_ns[STATES]) == 20
-    assert log_facts(path).topics[STATES].unreadable == '5 of 20 messages cannot be read'
+    assert log_facts(path)['topics'][STATES]['unreadable'] == '5 of 20 messages cannot be read'
     # No message at all.
     xcdr2 = [Row(t, at, b'\0\7\0\0' + data[4:]) for t, at, data in states(20)]
     path = write_mcap(tmp_path / 'b.mcap', xcdr2)
@@ -289,9 +289,9 @@ def test_a_topic_that_nobody_decodes_is_named_and_the_others_are_read(
     with pytest.raises(LogError, match=line):
         log['/odd']
     assert line in log.obstacle('/odd')
-    facts = log_facts(path).topics['/odd']
-    assert (facts.messages, facts.unreadable) == (1, '')
-    assert line in facts.obstacle
+    facts = log_facts(path)['topics']['/odd']
+    assert (facts['messages'], facts['unreadable']) == (1, '')
+    assert line in facts['obstacle']
 
 
 def test_arrays_that_would_be_nearly_empty_are_refused(tmp_path: Path) -> None:
@@ -357,7 +357,7 @@ def test_folders_without_metadata_are_read_by_the_names_of_their_files(tmp_path:
         write_mcap(folder / f'run_{k}.mcap', [row])
     found = read_log(folder)[STATES]
     np.testing.assert_array_equal(found.position, [motion(0.01 * k)[0] for k in range(12)])
-    assert [Path(file).name for file in log_facts(folder).files][9:] == [
+    assert [Path(file).name for file in log_facts(folder)['files']][9:] == [
         f'run_{k}.mcap' for k in (9, 10, 11)
     ]
     bag = write_sqlite(tmp_path / 'bag', rows)
@@ -469,12 +469,12 @@ def test_facts_are_those_of_another_reader(tmp_path: Path) -> None:
     write_bag(tmp_path / 'bag', kinds, random.Random(3), rosbag2.StoragePlugin.MCAP)
     found = log_facts(tmp_path / 'bag')
     with rosbag2.Reader(tmp_path / 'bag') as reader:
-        assert (found.messages, found.begin_ns) == (reader.message_count, reader.start_time)
-        assert found.end_ns == reader.end_time - 1
-    counts = {topic.type: topic.messages for topic in found.topics.values()}
+        assert (found['messages'], found['begin_ns']) == (reader.message_count, reader.start_time)
+        assert found['end_ns'] == reader.end_time - 1
+    counts = {topic['type']: topic['messages'] for topic in found['topics'].values()}
     assert counts == dict.fromkeys(kinds, 6)
-    assert {topic.longest_gap_ns for topic in found.topics.values()} == {1}
-    assert found.bytes == sum(os.stat(path).st_size for path in (tmp_path / 'bag').iterdir())
+    assert {topic['longest_gap_ns'] for topic in found['topics'].values()} == {1}
+    assert found['bytes'] == sum(os.stat(path).st_size for path in (tmp_path / 'bag').iterdir())
 
 
 def test_a_recording_of_ours_has_cycles_times_settings_and_its_robot(tmp_path: Path) -> None:
@@ -514,7 +514,7 @@ def test_a_recording_that_is_cut_anywhere_is_read_up_to_the_cut(tmp_path: Path) 
         cut.write_bytes(data[:size])
         log = read_log(cut)
         assert not log.complete
-        assert not log_facts(cut).complete
+        assert not log_facts(cut)['complete']
         counts.append(len(log.received_ns.get(STATES, ())))
     assert counts == sorted(counts)
     assert (counts[0], counts[-1]) == (0, 60)

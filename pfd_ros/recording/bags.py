@@ -153,23 +153,21 @@ class Bag:
             columns = {row[1] for row in database.execute('PRAGMA table_info(topics)')}
             # The first version of rosbag2 has no QoS.
             qos = 'offered_qos_profiles' if 'offered_qos_profiles' in columns else "''"
-            fields = f'id, name, type, serialization_format, {qos}'
+            fields = ', '.join(
+                f"CAST(ifnull({x}, '') AS TEXT)"
+                for x in ('name', 'type', 'serialization_format', qos)
+            )
+            rows = database.execute(f'SELECT id, {fields} FROM topics LIMIT {TOPICS + 1}')
             names = {}
-            for number, *row in database.execute(
-                f'SELECT {fields} FROM topics LIMIT {TOPICS + 1}'
-            ):
-                if not all(isinstance(text, str) for text in row):
-                    raise ValueError(f'topic {cut(str(number))} has a field that is not a text')
-                name, kind, encoding, offered = row
+            for number, name, kind, encoding, offered in rows:
                 names[number] = name
                 self._add(BagTopic(name, kind, encoding, str(texts.get(kind, '')), offered))
-            for number, at_ns, data in database.execute(
-                'SELECT topic_id, timestamp, data FROM messages'
-            ):
+            rows = database.execute(
+                "SELECT topic_id, timestamp, CAST(ifnull(data, '') AS BLOB) FROM messages"
+            )
+            for number, at_ns, data in rows:
                 if number not in names or not isinstance(at_ns, int):
                     raise ValueError(f'a message of unknown topic {number} at {at_ns}')
-                if not isinstance(data, bytes):
-                    raise ValueError(f'a message of {names[number]!r} holds no bytes')
                 yield BagMessage(names[number], at_ns, at_ns, data)
         self.complete = True
 

@@ -49,36 +49,25 @@ class Difference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two logs compared.
+    """Two logs compared; times in s."""
 
-    Attributes
-    ----------
-    lag : float
-        Time that was added to the first log's to get the second's [s], beyond `shift`.
-    correlation : float or None
-        Of the positions at an estimated lag; None where the lag is known or nothing moves.
-    shift : float
-        Difference of the starts [s] where the clocks have nothing in common, else 0.
-    overlap, uncovered : float
-        Seconds that were compared, and those that only the longer log covers, beyond the lag.
-    only_in_a, only_in_b : tuple of str
-        Missing in the other log: topics; joints, fields of a joint and values after their topic.
-    complete : (bool, bool)
-        Whether each log was closed properly, rather than cut off.
-    curves : dict
-        Both logs at the compared times: time, a and b, (N,), by topic, field, joint.
-    """
-
+    # Time that was added to the first log's to get the second's, beyond `shift`.
     lag: float
+    # Of the positions at an estimated lag; None where the lag is known or nothing moves.
     correlation: float | None
+    # Difference of the starts where the clocks have nothing in common, else 0.
     shift: float
+    # What was compared, and what only the longer log covers, beyond the lag.
     overlap: float
     uncovered: float
     tolerance: float
     differences: tuple[Difference, ...]
+    # Missing in the other log: topics; joints, fields of a joint and values after their topic.
     only_in_a: tuple[str, ...]
     only_in_b: tuple[str, ...]
+    # Whether each log was closed properly, rather than cut off.
     complete: tuple[bool, bool]
+    # Both logs at the compared times.
     curves: Curves = field(repr=False, compare=False)
 
     @property

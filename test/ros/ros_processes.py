@@ -293,6 +293,33 @@ def call(peer: Peer, kind: Any, name: str, **values: Any) -> Any:
     return future.result()
 
 
+def parameter(name: str, value: Any, kind: int | None = None) -> Any:
+    """Return a parameter as it travels; `kind` is another type than its value has."""
+    from rcl_interfaces.msg import Parameter, ParameterValue
+
+    kinds = {bool: (1, 'bool_value'), int: (2, 'integer_value'), float: (3, 'double_value')}
+    kinds |= {str: (4, 'string_value'), list: (8, 'double_array_value')}
+    number, field = kinds[type(value)]
+    found = ParameterValue(**{'type': number if kind is None else kind, field: value})
+    return Parameter(name=name, value=found)
+
+
+def set_parameters(peer: Peer, *parameters: Any) -> tuple[bool, str]:
+    """Set all of some parameters of the node or none; return the success and the reason."""
+    from rcl_interfaces.srv import SetParametersAtomically
+
+    name = 'set_parameters_atomically'
+    result = call(peer, SetParametersAtomically, name, parameters=list(parameters)).result
+    return result.successful, result.reason
+
+
+def trigger(peer: Peer, name: str) -> Any:
+    """Call a service of the node without arguments."""
+    from std_srvs.srv import Trigger
+
+    return call(peer, Trigger, name)
+
+
 def transition(peer: Peer, label: str = '', number: int = 0) -> bool:
     """Request a transition of the node by label or number; return whether it succeeded."""
     from lifecycle_msgs.msg import Transition

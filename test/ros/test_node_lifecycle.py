@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from pathlib import Path
 import signal
-from typing import Any
 
 from bridge import RecordedLog, verify_log
 import gripper_arm
@@ -18,6 +17,8 @@ from ros_processes import (
     Processes,
     call,
     description_publisher,
+    parameter,
+    set_parameters,
     stamp_ns,
     transition,
 )
@@ -32,15 +33,6 @@ def state(peer: Peer) -> str:
     from lifecycle_msgs.srv import GetState
 
     return str(call(peer, GetState, 'get_state').current_state.label)
-
-
-def set_text(peer: Peer, name: str, text: str) -> Any:
-    from rcl_interfaces.msg import Parameter, ParameterValue
-    from rcl_interfaces.srv import SetParameters
-
-    value = ParameterValue(type=4, string_value=text)
-    chosen = [Parameter(name=name, value=value)]
-    return call(peer, SetParameters, 'set_parameters', parameters=chosen).results[0]
 
 
 def waiting(processes: Processes, *args: str, fault: str = '') -> Process:
@@ -82,12 +74,12 @@ def test_an_arm_is_configured_moved_stopped_and_configured_again(
     assert 'RCLError' not in node.text()
     assert not (processes.folder / 'a.mcap').exists()
 
-    assert set_text(peer, 'robot', 'puma560').successful
+    assert set_parameters(peer, parameter('robot', 'puma560'))[0]
     assert transition(peer, 'configure')
     node.wait_for_text('each of the 6 joints is braked')
-    refused = set_text(peer, 'robot', 'ur5')
-    assert not refused.successful
-    assert "['robot'] cannot change until cleanup" in refused.reason
+    successful, reason = set_parameters(peer, parameter('robot', 'ur5'))
+    assert not successful
+    assert "['robot'] cannot change until cleanup" in reason
     # Inactive: simulated time stands, commands are refused.
     peer.wait(peer.named.get_subscription_count)
     for _ in range(3):
@@ -125,7 +117,7 @@ def test_an_arm_is_configured_moved_stopped_and_configured_again(
     ]
     assert not transition(peer, 'configure')
     node.wait_for_text('a.mcap')
-    assert set_text(peer, 'recording', 'b.mcap').successful
+    assert set_parameters(peer, parameter('recording', 'b.mcap'))[0]
     assert transition(peer, 'configure')
     assert transition(peer, 'activate')
     peer.let_pass()
@@ -182,7 +174,7 @@ def test_each_configuration_has_the_parameters_of_its_robot_and_leaves_no_topic_
     assert transition(peer, 'deactivate')
     assert transition(peer, 'cleanup')
     peer.wait(lambda: peer.node.count_subscribers('/joint_commands') == 0)
-    assert set_text(peer, 'robot', 'puma560').successful
+    assert set_parameters(peer, parameter('robot', 'puma560'))[0]
     assert transition(peer, 'configure')
     assert value('friction.joint2') == 0.25
     assert value('bias.effort.elbow') is None
@@ -256,7 +248,7 @@ def test_an_arm_that_cannot_be_started_is_cleaned_up(
     peer = peer_of(processes)
     assert not transition(peer, 'configure')
     assert error in node.text()
-    assert set_text(peer, 'recording', 'b.mcap').successful
+    assert set_parameters(peer, parameter('recording', 'b.mcap'))[0]
     assert transition(peer, 'configure')
     assert transition(peer, 'activate')
     peer.connect()

@@ -12,7 +12,17 @@ from typing import Any
 from bridge import RecordedLog, decode_string, verify_log
 import numpy as np
 import pytest
-from ros_processes import MILLISECOND, Peer, Processes, call, example_robot, stamp_ns
+from ros_processes import (
+    MILLISECOND,
+    Peer,
+    Processes,
+    call,
+    example_robot,
+    parameter,
+    set_parameters,
+    stamp_ns,
+    trigger,
+)
 from waiting import PATIENCE
 
 import pfd_core as pfd
@@ -130,39 +140,16 @@ def test_a_parameter_without_its_option_is_named_with_the_cure(
     assert process.text() == f'{text}\n'
 
 
-class Client:
-    """Calls the parameter services of `sim_arm`."""
+def get(peer: Peer, name: str) -> Any:
+    from rcl_interfaces.srv import GetParameters
 
-    def __init__(self, peer: Peer) -> None:
-        self._peer = peer
-
-    def call(self, kind: str, **fields: Any) -> Any:
-        from rcl_interfaces import srv
-
-        name = ''.join(f'_{c.lower()}' if c.isupper() else c for c in kind)[1:]
-        return call(self._peer, getattr(srv, kind), name, **fields)
-
-    def set(self, *parameters: Any) -> tuple[bool, str]:
-        """Set all of some parameters or none; return the success and the reason."""
-        result = self.call('SetParametersAtomically', parameters=list(parameters)).result
-        return result.successful, result.reason
-
-    def get(self, name: str) -> Any:
-        return self.call('GetParameters', names=[name]).values[0]
-
-    def describe(self, name: str) -> Any:
-        return self.call('DescribeParameters', names=[name]).descriptors[0]
+    return call(peer, GetParameters, 'get_parameters', names=[name]).values[0]
 
 
-def parameter(name: str, value: Any, kind: int | None = None) -> Any:
-    """Return a parameter as it travels; `kind` is another type than its value has."""
-    from rcl_interfaces.msg import Parameter, ParameterValue
+def describe(peer: Peer, name: str) -> Any:
+    from rcl_interfaces.srv import DescribeParameters
 
-    kinds = {bool: (1, 'bool_value'), int: (2, 'integer_value'), float: (3, 'double_value')}
-    kinds |= {str: (4, 'string_value'), list: (8, 'double_array_value')}
-    number, field = kinds[type(value)]
-    found = ParameterValue(**{'type': number if kind is None else kind, field: value})
-    return Parameter(name=name, value=found)
+    return call(peer, DescribeParameters, 'describe_parameters', names=[name]).descriptors[0]
 
 
 def recorded_changes(path: Path) -> list[dict[str, Any]]:
@@ -177,19 +164,20 @@ def recorded_changes(path: Path) -> list[dict[str, Any]]:
 def test_a_node_takes_dynamic_parameters_and_refuses_all_else_with_a_reason(
     processes: Processes, peer_of
 ) -> None:
+    from rcl_interfaces.srv import SetParameters
+
     arm = processes.arm('-p', 'robot:=planar2', '-p', 'recording:=arm.mcap')
     peer = peer_of(processes)
-    client = Client(peer)
-    told = client.describe('real_time_factor')
+    told = describe(peer, 'real_time_factor')
     assert not told.read_only
     assert told.floating_point_range[0].to_value == 1000.0
-    told = client.describe('integrator')
+    told = describe(peer, 'integrator')
     assert told.read_only
     assert told.additional_constraints.startswith("one of ['auto', 'rk4'")
     peer.connect()
 
-    assert client.set(parameter('real_time_factor', 0.5)) == (True, '')
-    assert client.get('real_time_factor').double_value == 0.5
+    assert set_parameters(peer, parameter('real_time_factor', 0.5)) == (True, '')
+    assert get(peer, 'real_time_factor').double_value == 0.5
     reasons = {
         'read-only': [parameter('step_size', 0.002)],
         'out of range': [parameter('real_time_factor', float('nan'))],
@@ -204,17 +192,18 @@ def test_a_node_takes_dynamic_parameters_and_refuses_all_else_with_a_reason(
         'read-only parameter: gravity': [parameter('gravity', [0.0] * 100_000)],
     }
     for reason, parameters in reasons.items():
-        successful, told = client.set(*parameters)
+        successful, told = set_parameters(peer, *parameters)
         assert not successful
         assert reason in told
-    assert client.get('real_time_factor').double_value == 0.5
-    assert client.set(parameter('use_sim_time', False)) == (True, '')
+    assert get(peer, 'real_time_factor').double_value == 0.5
+    assert set_parameters(peer, parameter('use_sim_time', False)) == (True, '')
     # Each one after the other, and all of them count.
     for joint, value in (('shoulder', 0.5), ('elbow', 0.25)):
-        assert client.set(parameter(f'bias.effort.{joint}', value)) == (True, '')
+        assert set_parameters(peer, parameter(f'bias.effort.{joint}', value)) == (True, '')
     peer.wait(lambda: peer.states[-1].effort.tolist() == [0.5, 0.25])
     # rclpy raises for a type that does not exist; the service answers without a result.
-    client.call('SetParameters', parameters=[parameter('real_time_factor', 1.0, 77)])
+    wrong = [parameter('real_time_factor', 1.0, 77)]
+    call(peer, SetParameters, 'set_parameters', parameters=wrong)
     arm.wait_for_text('callbacks failed, most recently by ')
     peer.let_pass()
 
@@ -263,7 +252,6 @@ class Plant:
 def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
     processes: Processes, peer_of
 ) -> None:
-    from std_srvs.srv import Trigger
 
     (processes.folder / 'given.yaml').write_text(
         '/**:\n  ros__parameters:\n    robot: planar2\n    joints: [elbow, shoulder]\n'
@@ -277,7 +265,6 @@ def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
         *('-p', 'recording:=arm.mcap'),
     )
     peer = peer_of(processes)
-    client = Client(peer)
     for name, value in (
         ('damping.shoulder', 0.125),
         ('damping.elbow', 0.5),
@@ -287,8 +274,8 @@ def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
         ('armature.elbow', 0.0),
         ('payload.mass', 0.5),
     ):
-        assert client.get(name).double_value == value
-    told = client.describe('damping.elbow')
+        assert get(peer, name).double_value == value
+    told = describe(peer, 'damping.elbow')
     assert (told.read_only, told.name) == (True, 'damping.elbow')
     plant = Plant(peer)
     peer.connect()
@@ -297,27 +284,29 @@ def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
     peer.plain_command([0.0, 0.0])
     peer.wait(lambda: list(peer.states[-1].effort) == [0.0, 0.0])
     assert not any(peer.states[-1].velocity)
-    assert client.set(parameter('bias.effort.shoulder', 0.5)) == (True, '')
+    assert set_parameters(peer, parameter('bias.effort.shoulder', 0.5)) == (True, '')
     peer.wait(lambda: list(peer.states[-1].effort) == [0.0, 0.5])
-    assert client.get('bias.effort.shoulder').double_value == 0.5
+    assert get(peer, 'bias.effort.shoulder').double_value == 0.5
     plant.push('tip_link', 0.0, 20.0, 0.0)
     peer.wait(lambda: all(peer.states[-1].velocity))
     plant.push('nowhere', 0.0, 1e9, 0.0)
-    answer = call(peer, Trigger, 'clear_external_wrench')
+    answer = trigger(peer, 'clear_external_wrench')
     assert answer.success
     assert answer.message.startswith('accepted: clear_wrench')
     plant.load('tip_link', 1.5)
     peer.wait(lambda: plant.payloads[-1].inertia.m == 1.5)
-    assert client.set(
-        parameter('payload.mass', 2.5), parameter('payload.center', [0.1, 0.0, 0.0])
+    assert set_parameters(
+        peer, parameter('payload.mass', 2.5), parameter('payload.center', [0.1, 0.0, 0.0])
     ) == (True, '')
     peer.wait(lambda: plant.payloads[-1].inertia.m == 2.5)
     assert plant.payloads[-1].inertia.com.x == 0.1
     assert plant.payloads[-1].header.frame_id == 'tip_link'
-    successful, reason = client.set(parameter('payload.inertia', [1.0, 0.0, 0.0, 1.0, 0.0, 3.0]))
+    successful, reason = set_parameters(
+        peer, parameter('payload.inertia', [1.0, 0.0, 0.0, 1.0, 0.0, 3.0])
+    )
     assert not successful
     assert 'payload.inertia is not physically consistent' in reason
-    assert client.set(parameter('gravity_compensation', True))[0]
+    assert set_parameters(peer, parameter('gravity_compensation', True))[0]
     # A flood: the newest payload counts.
     for mass in range(100):
         plant.load('tip_link', 1.0 + mass)

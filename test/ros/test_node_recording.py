@@ -20,10 +20,10 @@ from ros_processes import (
     NODE,
     Process,
     Processes,
-    call,
     environment,
     in_namespaces,
     stamp_ns,
+    trigger,
 )
 from rosbags.typesys import Stores, get_typestore
 from sampling import one_fast
@@ -155,12 +155,11 @@ def test_at_unlimited_speed_lockstep_waits_for_its_recording(processes: Processe
 def test_at_unlimited_speed_a_dead_disk_ends_the_recording_and_the_arm_answers_and_goes_on(
     processes: Processes, peer_of
 ) -> None:
-    from std_srvs.srv import Trigger
 
     settings = ('-p', 'recording:=arm.mcap', '-p', 'real_time_factor:=0.0')
     arm = processes.faulty('disk_is_dead', *settings)
     peer = peer_of(processes)
-    assert call(peer, Trigger, 'reset').message.startswith('accepted')
+    assert trigger(peer, 'reset').message.startswith('accepted')
     arm.wait_for_text('the disk is too slow')
     peer.connect()
     peer.let_pass()

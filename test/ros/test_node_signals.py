@@ -15,7 +15,7 @@ import time
 
 from bridge import verify_log
 import pytest
-from ros_processes import FAULTY, JOINTS, NODE, Process, Processes, call, environment
+from ros_processes import FAULTY, JOINTS, NODE, Process, Processes, environment, trigger
 from sampling import one_fast
 from waiting import PATIENCE, wait_until
 
@@ -206,12 +206,11 @@ def test_a_thread_that_ends_ends_the_node_with_a_closed_file(
 def test_a_step_that_never_ends_is_logged_and_the_file_is_closed(
     processes: Processes, peer_of
 ) -> None:
-    from std_srvs.srv import Trigger
 
     arm = processes.faulty('stepping_hangs', '-p', 'recording:=arm.mcap')
     arm.wait_for_text('hangs')
     # Nobody knows whether it will be done.
-    answer = call(peer_of(processes), Trigger, 'reset')
+    answer = trigger(peer_of(processes), 'reset')
     assert not answer.success
     assert 'no answer within 0.5 s' in answer.message
     assert arm.end(INT) == 1

@@ -13,7 +13,16 @@ from typing import Any
 from bridge import RecordedLog, decode_joints, verify_log
 import numpy as np
 import pytest
-from ros_processes import MILLISECOND, Peer, Processes, call, stamp_ns
+from ros_processes import (
+    MILLISECOND,
+    Peer,
+    Processes,
+    call,
+    parameter,
+    set_parameters,
+    stamp_ns,
+    trigger,
+)
 
 pytestmark = pytest.mark.ros
 
@@ -32,21 +41,6 @@ def pause(peer: Peer, wanted: bool) -> Any:
     from std_srvs.srv import SetBool
 
     return call(peer, SetBool, 'pause', data=wanted)
-
-
-def trigger(peer: Peer, name: str) -> Any:
-    from std_srvs.srv import Trigger
-
-    return call(peer, Trigger, name)
-
-
-def set_number(peer: Peer, name: str, number: float) -> bool:
-    from rcl_interfaces.msg import Parameter, ParameterValue
-    from rcl_interfaces.srv import SetParameters
-
-    chosen = [Parameter(name=name, value=ParameterValue(type=3, double_value=number))]
-    (result,) = call(peer, SetParameters, 'set_parameters', parameters=chosen).results
-    return bool(result.successful)
 
 
 def stamps(messages: Sequence[Any]) -> list[int]:
@@ -148,7 +142,7 @@ def test_a_request_for_many_steps_is_done_to_its_end_and_services_answer_meanwhi
         assert pause(peer, True).message == 'accepted: pause; simulated time 5.0 s'
         assert pause(peer, False).success
     assert pause(peer, True).success
-    assert set_number(peer, 'real_time_factor', 0.0)
+    assert set_parameters(peer, parameter('real_time_factor', 0.0))[0]
     assert trigger(peer, 'step').success
     last = 5 * SECOND + 1234 * 100 * MILLISECOND
     peer.wait(lambda: peer.states and stamp_ns(peer.states[-1]) == last)
@@ -189,12 +183,12 @@ def test_lockstep_repeats_an_unanswered_state_and_takes_another_real_time_factor
     again.wait_for_text('answers')
     peer.wait(lambda: stamp_ns(peer.states[-1]) > settled_at + 100 * MILLISECOND)
     # Another real-time factor counts at once: a step lasts a second now.
-    assert set_number(peer, 'real_time_factor', 1e-3)
+    assert set_parameters(peer, parameter('real_time_factor', 1e-3))[0]
     settled(peer)
     before = stamp_ns(peer.states[-1])
     peer.let_pass(1)
     assert stamp_ns(peer.states[-1]) in (before, before + MILLISECOND)
-    assert set_number(peer, 'real_time_factor', 0.0)
+    assert set_parameters(peer, parameter('real_time_factor', 0.0))[0]
     peer.wait(lambda: stamp_ns(peer.states[-1]) > before + 200 * MILLISECOND)
     check_never_back(peer)
     arm.stop()

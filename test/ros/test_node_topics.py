@@ -21,9 +21,9 @@ from ros_processes import (
     READER,
     Processes,
     Running,
-    call,
     running,
     stamp_ns,
+    trigger,
 )
 
 pytestmark = pytest.mark.ros
@@ -127,10 +127,9 @@ def test_every_kind_of_command_is_answered_as_the_rules_say(arm: Running) -> Non
 
 
 def test_a_joint_without_a_command_is_braked_and_a_reset_brakes_all(arm: Running) -> None:
-    from std_srvs.srv import Trigger
 
     peer = arm.peer
-    assert call(peer, Trigger, 'reset').success
+    assert trigger(peer, 'reset').success
     peer.wait(lambda: not any(peer.states[-1].position))
     peer.command(['joint3'], [3.0])
     peer.wait(lambda: peer.states[-1].effort.tolist() == [0, 0, 3.0, 0, 0, 0])
@@ -170,7 +169,6 @@ def test_an_arm_that_runs_away_takes_no_state_of_one_joint_and_a_reset_restarts_
     processes: Processes, peer_of
 ) -> None:
     from sensor_msgs.msg import JointState
-    from std_srvs.srv import Trigger
 
     settings = ('lockstep:=true', 'wait_for_controller:=true', 'effort_limits:=false')
     settings = (*settings, 'substeps:=1', 'recording:=arm.mcap')
@@ -183,7 +181,7 @@ def test_an_arm_that_runs_away_takes_no_state_of_one_joint_and_a_reset_restarts_
     peer.wait(jumps.get_subscription_count)
     jumps.publish(JointState(name=['joint4'], position=[0.0]))
     arm.wait_for_text('messages on /sim_arm/set_state rejected: refused (')
-    assert call(peer, Trigger, 'reset').success
+    assert trigger(peer, 'reset').success
     peer.wait(lambda: not any(peer.states[-1].position))
     # A state that overflows: the last finite one is sent on.
     peer.command(JOINTS, [1e300] * 6)

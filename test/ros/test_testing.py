@@ -534,20 +534,11 @@ def test_a_command_of_which_a_part_is_rejected_fails_unless_the_test_allows_it(
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize(
-    ('settings', 'remapped'),
-    [
-        ({}, ['-r', '~/commands:=/effort_controllers/commands']),
-        ({'command_topic': '/effort_controllers/commands'}, []),
-    ],
-    ids=['remapping', 'setting'],
-)
-def test_the_topics_of_the_arm_can_be_chosen(
-    settings: dict[str, Any], remapped: list[str], controller_of: Callable[..., Any]
-) -> None:
+def test_the_topics_of_the_arm_can_be_chosen(controller_of: Callable[..., Any]) -> None:
     topics = '/left/joint_states', '/effort_controllers/commands'
     node = controller_of('plain', topics=topics)
-    with ur5(**settings, ros_args=[*remapped, '-r', '__ns:=/left']) as arm:
+    remapped = ['-r', '~/commands:=/effort_controllers/commands', '-r', '__ns:=/left']
+    with ur5(ros_args=remapped) as arm:
         assert_same_bits(arm.spin(0.02, node), ur5().run(pd, 0.02))
 
 

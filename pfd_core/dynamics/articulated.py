@@ -39,7 +39,7 @@ serial method. Serial cost, rotational joints of a skew chain, no wrench, n > 2:
 As given that is 1373 and 1159 for n = 6. Lee and Chang 1987 have 380n - 198 and 302n - 173, which
 is 2082 and 1639 for n = 6, print 2280 and 1816 next to it, and 2250 in the introduction. Both
 counts include the bias. That this recurrence cannot be parallelised, as the paper concludes, is
-discussed in pfd_core.paper.divide_and_conquer.
+refuted in pfd_core.paper.articulated_doubling.
 """
 
 from __future__ import annotations

@@ -89,6 +89,11 @@ _ROWS = (
         'Divide and conquer, after Featherstone 1999',
         'paper.divide_and_conquer.record_divide_and_conquer',
     ),
+    Method(
+        'articulated_body_doubling',
+        'Articulated bodies by recursive doubling',
+        'paper.articulated_doubling.record_articulated_body_doubling',
+    ),
     # It needs links with a mass and an inertia.
     Method(
         'constraint_forces',

@@ -24,9 +24,10 @@ The paper's procedures, in any edition:
 
 Since then, and for all of them:
 
-    divide_and_conquer   steps that grow as log2 n
-    constraint_forces    the same order by odd-even elimination of the joints' constraint forces
-    emulate              pfd.emulate: a method on the emulated machine; steps, utilisation, status
+    articulated_doubling   articulated bodies by recursive doubling: steps that grow as log2 n
+    divide_and_conquer     the same order by joining pieces of the chain in pairs
+    constraint_forces      the same order by odd-even elimination of the joints' constraint forces
+    emulate                pfd.emulate: a method on the emulated machine; steps, status
 
 From an equation to its function:
 

@@ -247,12 +247,12 @@ def _forces(
 # About the origin of the base.
 
 
-def about_point(chain: Chain, c: LaneArray) -> tuple[LaneArray, LaneArray]:
+def about_point(m: Lanes, J: LaneArray, c: LaneArray) -> tuple[LaneArray, LaneArray]:
     """Return first moments, (3,) [kg m], and inertias, (6,), about a point; c are centres [m]."""
-    h = chain.m * c
+    h = m * c
     x, y, z = h * c
     xy, xz, yz = -(h[0] * c[1]), -(h[0] * c[2]), -(h[1] * c[2])
-    return h, chain.J + array([y + z, xy, xz, x + z, yz, x + y])
+    return h, J + array([y + z, xy, xz, x + z, yz, x + y])
 
 
 def inertia_matrix_base_origin(chain: Chain) -> Rows:
@@ -263,7 +263,7 @@ def inertia_matrix_base_origin(chain: Chain) -> Rows:
         o = prefix(add, chain.p_star)
         v = cross(array(merge(shift(o, 1), zero)), chain.z) if chain.rotational else zero
         w, v = chain.by_kind(chain.z, zero), chain.by_kind(v, chain.z)
-        links = about_point(chain, o + chain.s)
+        links = about_point(chain.m, chain.J, o + chain.s)
     with recorder.section('composite bodies'):
         M, h, inertia = (suffix(add, x) for x in (chain.m, *links))
         force = symmetric_times(inertia, w) + cross(h, v), M * v + cross(w, h)

@@ -101,19 +101,19 @@ def record_constraint_forces(plant: Plant, schedule: str) -> Program:
     chain, y = forward_equations(plant, schedule)
     recorder, n = chain.recorder, plant.robot.n
     with recorder.section('joint rotation'):
-        joint = _joint(chain, input_row(recorder, 'q'))
+        joint = joint_motion(chain, input_row(recorder, 'q'))
     slides = set(chain.translational)
     with recorder.section('link constants'):
         body = _bodies(recorder, plant, range(n))
         J = rotated_symmetric(body.A, body.J)
-        own = _ordered(_at_point(J, body.m, body.inner), slides, slides)
+        own = ordered(_at_point(J, body.m, body.inner), slides, slides)
         if n > 1:
             # Lane i has its link i and, for the joint between them, link i - 1.
             later, before = range(1, n), _bodies(recorder, plant, [0, *range(n - 1)])
             outer = _at_point(before.J, before.m, before.outer)  # in the axes of the outer frame
-            outer = _ordered(on(outer, later), slides, slides)
+            outer = ordered(on(outer, later), slides, slides)
             through = on(_through(before), later)
-            through = _ordered(through, {i + 1 for i in slides}, slides)
+            through = ordered(through, {i + 1 for i in slides}, slides)
     with recorder.section('joint equations'):
         A = array([own[k] for k in upper(5)])
         r = -own[:5, T] * y
@@ -130,8 +130,8 @@ def record_constraint_forces(plant: Plant, schedule: str) -> Program:
             A, r, C = _eliminated(A, r, C, stride)
             stride *= 2
     with recorder.section('constraint forces'):
-        K, inverse = _factored(A)
-        forces = inverse * _forward(K, r)
+        K, inverse = factored(A)
+        forces = inverse * forward(K, r)
         for i in reversed(FIVE):
             for j in range(i + 1, 5):
                 forces[i] = forces[i] - K[j, i] * forces[j]
@@ -174,6 +174,11 @@ class Joint(NamedTuple):
     turn: tuple[Lanes, Lanes] | None
     slide: Lanes | None
 
+    def before(self) -> Joint:
+        """Return the motion of each joint on the lane of the link before it."""
+        turn = self.turn and (shift(self.turn[0], -1), shift(self.turn[1], -1))
+        return Joint(turn, None if self.slide is None else shift(self.slide, -1))
+
     def across(self, v: Any, back: bool) -> LaneArray:
         """
         Return G v, or G' v if `back`, for the first five or six components.
@@ -196,7 +201,7 @@ class Joint(NamedTuple):
         return array([*moved, *rest])
 
 
-def _joint(chain: Chain, q: Lanes) -> Joint:
+def joint_motion(chain: Chain, q: Lanes) -> Joint:
     """Return the motion of the joints; that of the first, before which no link is, has no use."""
     turns, slides = ([i for i in lanes if i] for lanes in (chain.rotational, chain.translational))
     angle = on(q, turns) if turns else None
@@ -255,7 +260,7 @@ def _through(body: Body) -> LaneArray:
     return np.block([[turned, mixed], [-(inner @ turned), body.m * body.A - inner @ mixed]])
 
 
-def _ordered(X: LaneArray, rows: Collection[int], columns: Collection[int]) -> LaneArray:
+def ordered(X: LaneArray, rows: Collection[int], columns: Collection[int]) -> LaneArray:
     """Return X with components in the order n_x, n_y, f_x, f_y, e, t by each lane's joints."""
     return array(_components(_components(X, rows).T, columns).T)
 
@@ -282,8 +287,8 @@ def _eliminated(
     A: LaneArray, r: LaneArray, C: LaneArray, stride: int
 ) -> tuple[LaneArray, LaneArray, LaneArray | None]:
     """Return the equations without the neighbours at a distance `stride`; C is None at the end."""
-    K, inverse = _factored(A)
-    P, Q, w = _forward(K, C.T), _forward(K, shift(C, -stride)), _forward(K, r)
+    K, inverse = factored(A)
+    P, Q, w = forward(K, C.T), forward(K, shift(C, -stride)), forward(K, r)
     scaled_P, scaled_Q = (inverse[:, None] * X for X in (P, Q))
     from_left = array([*symmetric_product(scaled_Q.T, Q.T), *(scaled_Q.T @ w)])
     from_right = array([*symmetric_product(scaled_P.T, P.T), *(scaled_P.T @ w)])
@@ -294,26 +299,27 @@ def _eliminated(
     return mine[:15], mine[15:], None if last else -shift(P.T @ scaled_Q, stride)
 
 
-def _factored(A: LaneArray) -> tuple[LaneArray, LaneArray]:
+def factored(A: LaneArray) -> tuple[LaneArray, LaneArray]:
     """
-    Return the lower K, (5, 5), and 1/D, (5,), of a symmetric A = K D K', (15,).
+    Return the lower K, (m, m), and 1/D, (m,), of a symmetric A = K D K', m (m + 1) / 2 elements.
 
-    30 multiplications, 20 additions, 5 divisions.
+    For m = 5 that is 30 multiplications, 20 additions, 5 divisions.
     """
     S = symmetric_matrix(A)
-    K, inverse = np.empty((5, 5), dtype=object), np.empty(5, dtype=object)
-    for k in FIVE:
+    m = len(S)
+    K, inverse = np.empty((m, m), dtype=object), np.empty(m, dtype=object)
+    for k in range(m):
         inverse[k] = 1.0 / S[k, k]
         K[k + 1 :, k] = S[k, k + 1 :] * inverse[k]
-        for i in range(k + 1, 5):
+        for i in range(k + 1, m):
             S[i, i:] = S[i, i:] - K[i, k] * S[k, i:]
     return K, inverse
 
 
-def _forward(K: LaneArray, B: LaneArray) -> LaneArray:
-    """Return K^-1 B, (5, k) or (5,): 10 multiplications and additions for each column."""
+def forward(K: LaneArray, B: LaneArray) -> LaneArray:
+    """Return K^-1 B, (m, k) or (m,): m (m - 1) / 2 multiplications and additions a column."""
     w: LaneArray = B.copy()
-    for i in FIVE:
+    for i in range(len(B)):
         for j in range(i):
             w[i] = w[i] - K[i, j] * w[j]
     return w

@@ -26,12 +26,10 @@ a_b = 0 and phi_e = 0; down the tree a and phi of every cut follow, and for ever
 
     qdd = (y - (I S)' a_b + u' phi_e) / D,      y = tau - bias
 
-Lee and Chang 1987 conclude from a theorem of Kung's that the articulated-body recurrence cannot be
-parallelised, because it is not linear. It can: the inertias obey a discrete Riccati equation
-(Rodriguez 1987), and follow by an associative scan (as in Särkkä and García-Fernández,
-arXiv 2104.03186), which this project does not execute yet. This is another method
-for the same accelerations, with far more arithmetic, after Featherstone, A Divide-and-Conquer
-Articulated-Body Algorithm, IJRR 18 (1999), whose pieces take a force at either end. That form has
+The recurrence of articulated inertias itself is a scan (pfd_core.paper.articulated_doubling),
+whose product is the join above with J = -N. This is another method for the same accelerations,
+after Featherstone, A Divide-and-Conquer Articulated-Body Algorithm, IJRR 18 (1999), whose pieces
+take a force at either end. form has
 the inverse of every link's inertia, which a massless link lacks; here (Redheffer's star product) T
 is invertible for any links, as C_1 N_2 has no positive eigenvalue.
 
@@ -63,8 +61,9 @@ holds N, nu and A, its last C, beta.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 import math
+from operator import mul
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -169,7 +168,7 @@ def _single_links(
     chain: Chain, rotors: Sequence[Lanes], y: LaneArray, free: Lanes | None
 ) -> tuple[tuple[Any, ...], Pieces]:
     """Return I S, u, D and 1/D of every joint with its own link, and these as pieces."""
-    h, J = about_point(chain, chain.p_star + chain.s)
+    h, J = about_point(chain.m, chain.J, chain.p_star + chain.s)
     zh = cross(chain.z, h)
     moment, force = symmetric_times(J, chain.z), zh
     angular, linear = chain.z, cross(chain.z, chain.p_star)
@@ -256,7 +255,19 @@ def _part(level: Level, a: LaneArray, phi: LaneArray) -> tuple[LaneArray, LaneAr
     )
 
 
-def solve_pivoted(T: LaneArray, B: LaneArray) -> LaneArray:
+def one_by_one(function: Callable[..., Any], rows: Sequence[tuple[Any, ...]]) -> list[Any]:
+    """Return function(*operands) for each row, like pfd_core.paper.lanes.packed, not packed."""
+    return [function(*operands) for operands in rows]
+
+
+def less(x: Lanes, factor: Lanes, y: Lanes) -> Any:
+    """Return x - factor y."""
+    return x - factor * y
+
+
+def solve_pivoted(
+    T: LaneArray, B: LaneArray, each: Callable[..., list[Any]] = one_by_one
+) -> LaneArray:
     """
     Return T^-1 B, (m, k), for T (m, m) and B (m, k); a singular T gives infinity or NaN.
 
@@ -269,17 +280,24 @@ def solve_pivoted(T: LaneArray, B: LaneArray) -> LaneArray:
     additions, including m (m - 1) / 2 comparisons, and m divisions.
     """
     m, rows = len(T), np.hstack([T, B])
+
+    def subtract(k: int, left: Iterable[int], columns: Iterable[int]) -> None:
+        """Subtract row k from others, as often as column k has it."""
+        at = [(r, c) for r in left for c in columns]
+        found = each(less, [(rows[r, c], rows[r, k], rows[k, c]) for r, c in at]) if at else []
+        for place, x in zip(at, found, strict=True):
+            rows[place] = x
+
     for k in range(m):
         for r in range(k + 1, m):
             larger = absolute(rows[r, k]) - absolute(rows[k, k])
             x, y = rows[k, k:].copy(), rows[r, k:].copy()
             rows[k, k:], rows[r, k:] = where(larger, y, x), where(larger, x, y)
-        rows[k, k + 1 :] = (1.0 / rows[k, k]) * rows[k, k + 1 :]
-        for r in range(k + 1, m):
-            rows[r, k + 1 :] = rows[r, k + 1 :] - rows[r, k] * rows[k, k + 1 :]
+        inverse = 1.0 / rows[k, k]
+        rows[k, k + 1 :] = each(mul, [(inverse, x) for x in rows[k, k + 1 :]])
+        subtract(k, range(k + 1, m), range(k + 1, rows.shape[1]))
     for k in range(m - 1, 0, -1):
-        for r in range(k):
-            rows[r, m:] = rows[r, m:] - rows[r, k] * rows[k, m:]
+        subtract(k, range(k), range(m, rows.shape[1]))
     return rows[:, m:]
 
 
@@ -291,7 +309,7 @@ def lent_rotors(plant: Plant) -> NDArray[np.float64]:
     robot = plant.robot
     lent = np.zeros(robot.n)
     for j in range(robot.n):
-        own, most = own_inertia(robot, j), _most_inertia(robot, j)
+        own, most = own_inertia(robot, j), most_inertia(robot, j)
         if plant.inertia is not None:
             own += plant.inertia[j]
         if own <= LIGHT * most:
@@ -300,7 +318,7 @@ def lent_rotors(plant: Plant) -> NDArray[np.float64]:
     return lent
 
 
-def _most_inertia(robot: Robot, j: int) -> float:
+def most_inertia(robot: Robot, j: int) -> float:
     """Return about the largest inertia of all links beyond a joint, over all positions."""
     if robot.joint_types[j] == 'prismatic':
         return float(robot.masses[j:].sum())

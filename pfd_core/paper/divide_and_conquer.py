@@ -29,7 +29,7 @@ a_b = 0 and phi_e = 0; down the tree a and phi of every cut follow, and for ever
 The recurrence of articulated inertias itself is a scan (pfd_core.paper.articulated_doubling),
 whose product is the join above with J = -N. This is another method for the same accelerations,
 after Featherstone, A Divide-and-Conquer Articulated-Body Algorithm, IJRR 18 (1999), whose pieces
-take a force at either end. form has
+take a force at either end. That form has
 the inverse of every link's inertia, which a massless link lacks; here (Redheffer's star product) T
 is invertible for any links, as C_1 N_2 has no positive eigenvalue.
 

@@ -99,18 +99,22 @@ class _Machine:
         """Execute the instructions in order, repeating loops; return the registers."""
         instructions = self.program.instructions
         self.registers: list[Any] = [None] * len(instructions)
-        at = turn = 0
+        at = turn = at_most = 0
         while at < len(instructions):
             one = instructions[at]
             if one.op == 'loop':
                 # The state of the loop, its `go` last.
                 *self.rows, self.floor = (self.registers[a] for a in one.args)
-                self.iterations, turn = np.zeros(self.batch), 0
+                self.iterations, turn, at_most = np.zeros(self.batch), 0, one.data
                 self._show()
+            elif one.op == 'leave':
+                if turn + 1 == at_most:
+                    while instructions[at + 1].op != 'end':
+                        at += 1
             elif one.op == 'end':
                 self._iterate([self.registers[a] for a in one.args[1:]])
                 turn += 1
-                if np.any(self._going()) and turn < instructions[one.args[0]].data:
+                if np.any(self._going()) and turn < at_most:
                     at = one.args[0]
             else:
                 self.registers[at] = self._execute(one)
@@ -118,10 +122,10 @@ class _Machine:
         return self.registers
 
     def _iterate(self, following: Sequence[Any]) -> None:
-        """Write the next state of unfinished problems."""
+        """Write the next state of unfinished problems; a row that was not computed stays."""
         going = self._going()
         pairs = zip(self.rows, following, strict=True)
-        self.rows = [np.where(going, after, before) for before, after in pairs]
+        self.rows = [x if y is None else np.where(going, y, x) for x, y in pairs]
         self.iterations = self.iterations + going
         self._show()
 

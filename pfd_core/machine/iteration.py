@@ -5,7 +5,8 @@ Bounded iteration: a part of a program that is repeated while a number is above 
 
 The program has the repeated part once, between the markers `loop` and `end`; `state` reads a row
 of the state at the start of an iteration, `result` reads it after the last iteration
-(pfd_core.machine.operations).
+(pfd_core.machine.operations). What follows a `leave` is not run in the last iteration that is
+allowed, and rows of the state that are computed there stay as they were; kernels have no `leave`.
 """
 
 from __future__ import annotations
@@ -67,6 +68,11 @@ def iterate(
     iterations = recorder.write('result', (end,), -1, recorder.all)
     result = _rows_of(recorder, 'result', end, state)
     return result, Lanes(recorder, (iterations,) * len(go.registers), recorder.all)
+
+
+def leave_the_last(recorder: Recorder) -> None:
+    """Record that the last iteration that is allowed ends here; inside the step of `iterate`."""
+    recorder.write('leave', (), None, recorder.all)
 
 
 def _lane0(go: Lanes) -> int:

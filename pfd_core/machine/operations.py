@@ -125,9 +125,11 @@ OPERATIONS = {
         # The rows of a function that is recorded elsewhere: accelerations, for an integrator.
         Operation('call', -1),
         # A repeated part: `loop` (its initial rows), `state` (a row as this iteration finds it),
-        # `end` (the rows for the next iteration), `result` (a row after the last one).
+        # `leave` (of the last iteration that is allowed nothing more is run), `end` (the rows for
+        # the next iteration), `result` (a row after the last one).
         Operation('loop', -1),
         Operation('state', 1),
+        Operation('leave', 0),
         Operation('end', -1),
         Operation('result', 1),
     )

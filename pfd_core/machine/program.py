@@ -138,10 +138,12 @@ def runs(
     program: Program, iterations: int = 1, section: str | None = None
 ) -> Iterator[tuple[Instruction, int]]:
     """Yield the instructions, or those of a section, each with the number of its runs."""
-    times = 1
+    times = at_most = 1
     for instruction in program.instructions:
         if instruction.op == 'loop':
-            times = iterations
+            times, at_most = iterations, instruction.data
+        elif instruction.op == 'leave':
+            times = min(times, at_most - 1)
         elif instruction.op == 'end':
             times = 1
         if section is None or instruction.section == section:

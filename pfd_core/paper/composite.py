@@ -67,8 +67,10 @@ Lane j holds link j + 1, the composite body of links j + 1..n, and column j of H
 from __future__ import annotations
 
 from collections.abc import Collection
+from functools import partial
 from operator import add, mul
 
+from pfd_core.dynamics.drives import motor_torques
 from pfd_core.dynamics.interface import input_row, program_with_outputs
 from pfd_core.dynamics.methods import check_payload
 from pfd_core.machine.lanes import merge, on, where
@@ -84,7 +86,7 @@ from pfd_core.machine.vectors import (
     symmetric_times,
 )
 from pfd_core.model import Plant, check_instant
-from pfd_core.paper.chain import Chain, chain_on_lanes
+from pfd_core.paper.chain import Chain, chain_on_lanes, gravity_torques
 from pfd_core.paper.editions import (
     A_3,
     A_8,
@@ -149,10 +151,27 @@ def record_terms(plant: Plant, schedule: str) -> Program:
     check_payload(plant, 'terms')
     chain = chain_on_lanes(plant, schedule)
     bias = torques(chain, input_row(chain.recorder, 'qd'), edition=CORRECTED)
+    return _with_matrix(chain, bias=bias)
+
+
+def record_residual(plant: Plant) -> Program:
+    """
+    Return the program of H, (n, n), and of the residual and the torques of the motors, (n,).
+
+    The residual is the torque that accelerations miss, by NE1, from q, qd, tau and qdd.
+    """
+    chain = chain_on_lanes(plant, 'unpacked')
+    qd, tau, qdd = (input_row(chain.recorder, name) for name in ('qd', 'tau', 'qdd'))
+    (motors,) = motor_torques(plant, [tau], [qd], partial(gravity_torques, chain))
+    residual = motors - torques(chain, qd, qdd, CORRECTED)
+    return _with_matrix(chain, residual=residual, motors=motors)
+
+
+def _with_matrix(chain: Chain, **results: Lanes) -> Program:
     rows, n = inertia_matrix(chain), chain.recorder.lanes
     elements = [(rows[min(i, j)], max(i, j)) for i in range(n) for j in range(n)]
     chain.recorder.output('H', (n, n), elements)
-    return program_with_outputs(chain.recorder, bias=bias)
+    return program_with_outputs(chain.recorder, **results)
 
 
 def inertia_matrix(chain: Chain, edition: Edition = OURS) -> Rows:

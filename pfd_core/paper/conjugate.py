@@ -43,7 +43,7 @@ from collections.abc import Collection
 from typing import Any
 
 from pfd_core.dynamics.interface import input_row, program_with_outputs
-from pfd_core.machine.iteration import TOLERANCE, iterate
+from pfd_core.machine.iteration import TOLERANCE, iterate, leave_the_last
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes
@@ -99,14 +99,16 @@ def record_pcgm(
     def times(u: Lanes) -> Any:
         return free_part(inertia_times(chain, u, packs=not edition.printed))
 
-    w = free_part(y)
+    w = y = free_part(y)
     x = free_part(input_row(recorder, 'start')) if start else recorder.constant(0.0)
     if start and not edition.has(STEP_4):
         with recorder.section('step 4'):
-            w = w - times(x)
+            w = y - times(x)
     with recorder.section('first inner product'):
-        e = total(w * w)
-        floor = None if edition.printed else (tolerance * tolerance) * e
+        e, floor = total(w * w), None
+        if not edition.printed:
+            # Of y, not of the residual of the start: after a good start few iterations are needed.
+            floor = (tolerance * tolerance) * (e if w is y else total(y * y))
 
     def step(x: Lanes, w: Lanes, u: Lanes, e: Lanes) -> tuple[tuple[Lanes, ...], Any]:
         with recorder.section('step 7'):
@@ -115,8 +117,12 @@ def record_pcgm(
         with recorder.section('step 8'):
             ut = total(u * t)
             g = broadcast(e / ut if edition.printed else where(ut, e / ut, 0.0), 0)
-        with recorder.section('steps 9 to 11'):
-            x, w = x + g * u, w - g * t
+        with recorder.section('step 9'):
+            x = x + g * u
+        if edition.printed:
+            leave_the_last(recorder)
+        with recorder.section('step 11'):
+            w = w - g * t
         with recorder.section('step 12'):
             after = total(w * w)
         with recorder.section('steps 14, 15'):

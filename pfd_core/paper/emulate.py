@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.dynamics.convergence import record_small_correction
+from pfd_core.dynamics.convergence import CORRECTION
 from pfd_core.dynamics.methods import FORWARD, SERIAL, record_forward_dynamics
 from pfd_core.forking import no_fork
 from pfd_core.machine.emulator import run
@@ -27,10 +27,15 @@ from pfd_core.model.effects import INPUT
 from pfd_core.model.values import DTYPES, choice, common_shape, integer, real_array
 from pfd_core.paper import networks
 from pfd_core.paper.array import SECTION, STREAMS, solve_cycles, solve_steps, stream_steps
+from pfd_core.paper.composite import record_residual
 from pfd_core.paper.editions import AS_PRINTED
 
 # mpmath computes with more digits, but for hours.
 MOST_DIGITS = 10_000
+# An answer whose error is estimated as more than so many roundings, times the condition of H, is
+# not right. Answers that have converged keep below 120, those of n iterations spread evenly over
+# all orders up to 1e14 (docs/report/counts.md, 372 chains).
+ROUNDINGS = 250.0
 
 
 @dataclass(frozen=True)
@@ -49,11 +54,15 @@ class Run:
     utilisation : float
         Share of the processors' arithmetic steps that did useful work, 0 to 1; cells of the
         triangular array count as processors.
+    error : float
+        Estimate of the relative error of qdd, of a batch the largest: max|H^-1 r| over the
+        largest of |qdd| and |H^-1 tau|, where r is the torque that qdd misses. Infinite where r is
+        not finite.
     status : str
         'ok'; 'not_positive_definite' if a pivot of H was not above zero; 'not_converged' if an
-        iterative method ran into its limit, or its answer does not satisfy the equations of
-        motion (pfd_core.dynamics.convergence); 'wrong' if an answer of the printed edition does
-        not; 'not_finite'.
+        iterative method ran into its limit, or `error` is above ROUNDINGS units of rounding times
+        the condition of H, scaled to ones on its diagonal; 'wrong' if the error of an answer of
+        the printed edition is; 'not_finite'.
     iterations, cycles : int or None
         Iterations of an iterative method (of a batch, the most), cycles of the array; None for
         the others.
@@ -66,6 +75,7 @@ class Run:
     steps: Steps
     steps_by_section: dict[str, Steps]
     utilisation: float
+    error: float
     status: str
     iterations: int | None
     cycles: int | None
@@ -165,19 +175,19 @@ def emulate(
         # In mpmath numbers, of any digits, the residual falls as far as in double precision.
         tolerance = TOLERANCES.get('float64' if digits else dtype)
         program = record_forward_dynamics(plant, method, schedule, tolerance)
-    checked = printed or 'converged' in program.outputs
-    check = record_small_correction(plant) if checked else None
     given: dict[str, ArrayLike] = {'q': q, 'qd': qd, 'tau': tau}
     given |= scene_inputs(scene, robot.n, 'float64', wrench, brakes)
     if wrench is not None:
         given['wrench'] = wrench  # with digits, a fraction stays exact
-    sizes = {name: size for name, size in (check or program).inputs.items() if name != 'qdd'}
+    check = record_residual(plant)
+    sizes = {name: size for name, size in check.inputs.items() if name != 'qdd'}
     inputs = _checked(sizes | program.inputs, given, digits)
     # On a crossbar each lane reads its source in one hop.
     carrier = None if network == 'crossbar' else networks.carrier(network)
     result = run(program, inputs, dtype, digits, route=carrier)
-    if check is not None:  # outside the counted program
-        result |= run(check, inputs | {'qdd': result['qdd']}, dtype, digits)
+    # Outside the counted program.
+    found = run(check, inputs | {'qdd': result['qdd']}, dtype, digits)
+    error, bound = _error(result['qdd'], found, inputs.get('free'), dtype)
     iterations = None
     if 'iterations' in result:
         iterations = int(np.max(np.asarray(result['iterations'], dtype=np.float64), initial=0))
@@ -195,7 +205,8 @@ def emulate(
         steps=steps,
         steps_by_section={name: own for name, own in sections.items() if own != Steps()},
         utilisation=work / (arithmetic(steps) * units) if arithmetic(steps) else 0.0,
-        status=_status(result, printed),
+        error=float(np.max(error, initial=0.0)),
+        status=_status(result, printed, bool(np.all(error <= bound))),
         iterations=iterations,
         cycles=solve_cycles(robot.n) if method == 'pcrbm_array' else None,
         program=program,
@@ -226,16 +237,56 @@ def _checked(
     }
 
 
-def _status(result: dict[str, Any], printed: bool) -> str:
+def _error(
+    qdd: NDArray[Any], found: dict[str, Any], free: NDArray[Any] | None, dtype: str
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """
+    Return the error of accelerations, and the largest of an answer that is called right.
+
+        error = max|H^-1 r| / max(|qdd|, |H^-1 tau|),  r = tau - ID(q, qd, qdd)
+        bound = ROUNDINGS u cond(H), H scaled to ones on its diagonal;  at most CORRECTION
+
+    Infinite where r is not finite or H has no such scale.
+    """
+    H, r, tau, qdd = (
+        np.asarray(x, np.float64) for x in (found['H'], found['residual'], found['motors'], qdd)
+    )
+    one = np.eye(H.shape[-1])
+    if free is not None:
+        moves = np.asarray(free, np.float64) > 0
+        H = np.where(moves[..., None] & moves[..., None, :], H, one)
+        r, tau = np.where(moves, r, 0.0), np.where(moves, tau, 0.0)
+    diagonal = np.diagonal(H, axis1=-2, axis2=-1)
+    sound = np.logical_and(np.isfinite(H).all((-1, -2)), (diagonal > 0).all(-1))[..., None]
+    scale = np.sqrt(np.where(sound, diagonal, 1.0))
+    H = np.where(sound[..., None], H, one) / scale[..., None] / scale[..., None, :]
+    values, vectors = np.linalg.eigh(H)
+
+    def accelerations(torques: NDArray[Any]) -> Any:
+        parts = ((torques / scale)[..., None, :] @ vectors)[..., 0, :] / values
+        return abs((vectors @ parts[..., None])[..., 0] / scale).max(-1)
+
+    with np.errstate(all='ignore'):
+        missing = accelerations(r)
+        error = missing / np.maximum(abs(qdd).max(-1), accelerations(tau))
+        error = np.where(missing == 0, 0.0, np.where(sound[..., 0], error, np.inf))
+        condition = abs(values).max(-1) / abs(values).min(-1)
+        bound = ROUNDINGS * np.finfo(dtype).eps / 2 * condition
+    return np.where(np.isnan(error), np.inf, error), np.minimum(bound, CORRECTION)
+
+
+def _status(result: dict[str, Any], printed: bool, right: bool) -> str:
     def positive(*names: str) -> bool:
         """Return whether results are above zero, as far as the program has them."""
         found = (np.asarray(result[name], np.float64) for name in names if name in result)
         return all((values > 0).all() for values in found)
 
     if printed:
-        return 'ok' if positive('small') else 'wrong'
+        return 'ok' if right else 'wrong'
     if not positive('pivots'):
         return 'not_positive_definite'
     if not np.isfinite(np.asarray(result['qdd'], np.float64)).all():
         return 'not_finite'
-    return 'ok' if positive('converged', 'small') else 'not_converged'
+    if 'converged' not in result or (right and positive('converged')):
+        return 'ok'
+    return 'not_converged'

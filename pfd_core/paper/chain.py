@@ -37,7 +37,7 @@ from pfd_core.machine.vectors import UPPER, array, constants, rotated_symmetric
 from pfd_core.model import Plant, Robot
 from pfd_core.model.geometry import product
 from pfd_core.model.values import Array
-from pfd_core.paper import patterns
+from pfd_core.paper import first_level, patterns
 from pfd_core.paper.editions import OURS, Edition
 from pfd_core.paper.lanes import shift
 
@@ -98,8 +98,11 @@ def chain_on_lanes(plant: Plant, schedule: str, edition: Edition = OURS) -> Chai
     robot = plant.robot
     recorder = Recorder(robot.n, schedule)
     A, a, s, J = link_parameters(robot, keep_tip=plant.external_wrench)
-    p = np.array([product(A[i].T, a[i]) for i in range(robot.n)])
-    A, p = rows(recorder, A), rows(recorder, p)
+    offsets = np.array([product(A[i].T, a[i]) for i in range(robot.n)])
+    # The paper's counts suppose twists of 0 and 90 degrees.
+    squares = edition.printed and recorder.parallel and bool(np.isin(A, (-1.0, 0.0, 1.0)).all())
+    known = first_level.structure_of(A, robot.turning)
+    A = rows(recorder, A)
     m, s, J = recorder.constant(robot.masses), rows(recorder, s), rows(recorder, J)
     turning, sliding = (tuple(np.flatnonzero(x).tolist()) for x in (robot.turning, ~robot.turning))
     q = input_row(recorder, 'q')
@@ -111,10 +114,13 @@ def chain_on_lanes(plant: Plant, schedule: str, edition: Edition = OURS) -> Chai
             R = array([cosine * A[0] - sine * A[1], sine * A[0] + cosine * A[1], A[2]])
             R = array(merge(R, A))
     with recorder.section('orientation'):
-        R = patterns.product(R, packs=not edition.printed)
+        if squares:
+            R = first_level.product_of_right_angles(R, known)
+        else:
+            R = patterns.product(R, packs=not edition.printed)
     with recorder.section('link vectors'):
         z = merge(shift(R[:, 2], 1), constants(recorder, [0.0, 0.0, 1.0]))
-        p_star = R @ p
+        p_star = first_level.times_known(R, offsets) if squares else R @ rows(recorder, offsets)
         if sliding:
             p_star = merge(p_star + z * on(q, sliding), p_star)
         s, J = R @ s, rotated_symmetric(R, J)

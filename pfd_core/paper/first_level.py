@@ -1,22 +1,23 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-FOHRA for 0R_i whose first level leaves out the products by known 0, 1 and -1.
+The pose of a chain whose twists are 0 or 90 degrees, at the price that the paper counts.
 
-    0R_i = R_1 R_2 .. R_i                                               eq. (13)
+    0R_i = R_1 R_2 .. R_i                                               eq. (13), FOHRA
+    p*_i = 0R_i (p*_i in link axes)                                     eq. (14)
 
 Lee and Chang 1987, section 2.5, item (a), counts 27 L - 19 multiplications and 18 L - 14
 additions, L = ceil(log2 n). Full products take 27 L and 18 L. For twists of 0 and 90 degrees, as
 of a PUMA, five of nine elements of R_i are 0, 1 or -1, and R_(i-1) R_i takes at most 8 and 4, or 4
 and 0 if both twists are right angles. The paper does not say so, but a first level at this price
-gives its counts. For other twists only one element is zero, and the first level takes 21 and 12.
-Later levels have full matrices.
+gives its counts. Later levels have full matrices. One component of p*_i is zero, so that (14)
+takes 60 and 39 instead of 63 and 42, which leads to the constants of its totals.
 
 The zero elements differ from joint to joint, so that processors multiply different elements in the
 same step. The k-th products of all processors are one step, and so are the k-th additions.
 
-Parallel cost: 27 (L - 1) + m multiplications and 18 (L - 1) + a additions, m and a the most that a
-pair of neighbours needs; 9 L routes.
+Parallel cost of (13): 27 (L - 1) + m multiplications and 18 (L - 1) + a additions, m and a the
+most that a pair of neighbours needs; 9 L routes.
 
 Lane i holds R_(i+1).
 """
@@ -25,51 +26,50 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
+from operator import matmul
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pfd_core.machine.lanes import merge, on
-from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
-from pfd_core.machine.vectors import array
-from pfd_core.model import Robot
-from pfd_core.paper.lanes import collect, shift
+from pfd_core.machine.recorder import LaneArray, Lanes
+from pfd_core.machine.vectors import array, constants
+from pfd_core.model.values import Array
+from pfd_core.paper.lanes import collect, recorder_of, taken
+from pfd_core.paper.patterns import levels
 
 Structure = NDArray[np.float64]  # (n, 3, 3): 0, 1 or -1 where an element is known to be, else NaN
 Element = tuple[int, int]
 NINE: Sequence[Element] = tuple(product(range(3), range(3)))
 
 
-def structure_of(robot: Robot) -> Structure:
-    """Return the elements of R_i that are known at all joint positions."""
-    known = np.full((robot.n, 3, 3), np.nan)
-    for i, A in enumerate(robot.rotations):
-        if robot.joint_types[i] == 'prismatic':
-            known[i] = np.where(np.isin(A, (0.0, 1.0, -1.0)), A, np.nan)
-            continue
-        known[i, :2, (A[0] == 0) & (A[1] == 0)] = 0.0
-        known[i, 2] = np.where(np.isin(A[2], (0.0, 1.0, -1.0)), A[2], np.nan)
+def structure_of(A: Array, turning: NDArray[np.bool_]) -> Structure:
+    """Return the elements of R_i that are known at all joint positions, from A_i, (n, 3, 3)."""
+    known = np.array(A, np.float64)
+    sines = ~((A[:, :1] == 0) & (A[:, 1:2] == 0))  # a column with a sine and a cosine
+    known[:, :2][np.broadcast_to(sines & turning[:, None, None], (len(A), 2, 3))] = np.nan
     return known
 
 
-def record_fohra(structure: Structure) -> Program:
-    """Return the program of `products`, (n, 3, 3), the 0R_i, from `R`, (n 9,), the R_i."""
-    n = len(structure)
-    recorder = Recorder(n)
-    elements = [recorder.input('R', [9 * i + k for i in range(n)]) for k in range(9)]
-    X = array(elements).reshape(3, 3)
-    stride = 1
-    while stride < n:
-        left = shift(X, stride)
-        with recorder.section(f'level {stride.bit_length()}'):
-            level = left @ X if stride > 1 else _first_level(left, X, structure)
-            X = array(merge(on(level, range(stride, n)), X))
-        stride *= 2
-    places = [(X[r, c], i) for i in range(n) for r, c in NINE]
-    recorder.output('products', (n, 3, 3), places)
-    return recorder.program()
+def product_of_right_angles(R: LaneArray, structure: Structure) -> LaneArray:
+    """Return the products R(0) R(1) .. R(i), (3, 3), on lane i; R has the known elements."""
+    for k, sources in enumerate(levels(recorder_of(R), downward=False)):
+        left = taken(R, sources)
+        R = merge(_first_level(left, R, structure) if k == 0 else matmul(left, R), R)
+    return array(R)
+
+
+def times_known(R: LaneArray, vectors: Array) -> LaneArray:
+    """Return R v of constants v, (n, 3): each lane leaves out the products by its zeros."""
+    recorder = recorder_of(R)
+    result = constants(recorder, [0.0] * 3)
+    tasks = {i: [int(c) for c in np.flatnonzero(v)] for i, v in enumerate(vectors)}
+    for k, columns in enumerate(_side_by_side(tasks)):
+        v = on(recorder.constant([vectors[i, columns.get(i, 0)] for i in tasks]), columns)
+        terms = array([collect({i: R[r, c] for i, c in columns.items()}) * v for r in range(3)])
+        result = array(merge(result + terms if k else terms, result))
+    return result
 
 
 def _first_level(left: LaneArray, right: LaneArray, structure: Structure) -> LaneArray:
@@ -120,5 +120,5 @@ def _terms(first: NDArray[Any], second: NDArray[Any], e: Element) -> Iterator[tu
 
 def _side_by_side(tasks: Mapping[int, Sequence[Any]]) -> list[dict[int, Any]]:
     """Return, for each k, the k-th task of each lane that has one."""
-    most = max(map(len, tasks.values()))
+    most = max(map(len, tasks.values()), default=0)
     return [{i: own[k] for i, own in tasks.items() if k < len(own)} for k in range(most)]

@@ -15,7 +15,7 @@ links. p processors take ceil(k / p) steps for an instruction on k lanes of the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
@@ -37,10 +37,12 @@ from pfd_core.paper.array import (
     STREAMS,
     factor,
     literal_array,
+    solve_cycles,
     solve_steps,
     stream_steps,
 )
 from pfd_core.paper.emulate import arithmetic, processors_of
+from pfd_core.paper.systolic import Trace
 
 KINDS = ('multiplications', 'additions', 'square_roots')
 PRINTED_AT = 6
@@ -53,7 +55,13 @@ PROCEDURES: dict[str, tuple[str, Collection[str]]] = {
     'pcgm': ('pcgm_1987', editions.AS_PRINTED['pcgm_1987']),
 }
 GIVEN = ('joint rotation', 'rotations')  # the sections that the paper does not count
-VERDICTS = 'true', 'true of a wrong matrix', 'false', 'not decided'
+VERDICTS = (
+    'true',
+    'true in exact arithmetic',
+    'true of a wrong matrix',
+    'false',
+    'not decided',
+)
 # Sections of PCRBM that the array executes instead of n processors.
 FACTORISATION = ('set ordering', 'square roots', 'divisions', 'factorisation')
 
@@ -114,7 +122,8 @@ class Recording(NamedTuple):
     """
     A program of a method for n joints; `processors` None is n, or one for a serial method.
 
-    `schedule` is 'parallel', 'unpacked', which has one lane per link, or 'sequential'.
+    `schedule` is 'parallel', 'unpacked', which has one lane per link, or 'sequential'. Twists are
+    skew, or with `right_angles` 0 and 90 degrees, as the paper's counts suppose.
     """
 
     method: str
@@ -122,11 +131,12 @@ class Recording(NamedTuple):
     edition: str = BEST_KNOWN
     schedule: str = 'parallel'
     processors: int | None = None
+    right_angles: bool = False
 
 
 def program_of(one: Recording) -> Program:
     """Return a program to count, without the rotations of the joints."""
-    plant = resolve(uniform_chain(one.n))
+    plant = resolve(uniform_chain(one.n, one.right_angles))
     machine = 'sequential' if one.processors == 1 else one.schedule
     if one.edition == BEST_KNOWN:
         program = record_forward_dynamics(plant, one.method, machine)
@@ -147,20 +157,52 @@ def steps_of(
     Cells of the array that act in one cycle are one step; a route brings each antidiagonal of H to
     the rows of the array (pfd_core.paper.array.streams).
     """
-    p = one.processors
-    steps = networks.steps(program, network, p, iterations=iterations)
+    steps = networks.steps(program, network, one.processors, iterations=iterations)
     if one.method != 'pcrbm_array':
         return steps
+    outside, _ = beside_the_array(one, program, network)
     if one.edition == BEST_KNOWN:
-        cycles, on_cells = solve_steps(one.n), [STREAMS, SECTION]
-    else:
-        # The array factors, and n processors substitute. Its actions depend on n alone.
-        trace = (literal_array if one.edition == AS_PRINTED else factor)(np.eye(one.n)).trace
-        dividing, subtracting = trace.cycles_with(DIVIDE), trace.cycles_with(MULTIPLY)
-        cycles = Steps(trace.cycles - dividing, subtracting, dividing, square_roots=one.n)
-        on_cells = list(FACTORISATION)
-    feeding = stream_steps(one.n, p or program.lanes, network)
-    return steps - in_sections(program, on_cells, p, network) + cycles + feeding
+        return outside + solve_steps(one.n)
+    trace = _factorisation(one)
+    dividing, subtracting = trace.cycles_with(DIVIDE), trace.cycles_with(MULTIPLY)
+    cells = Steps(trace.cycles - dividing, subtracting, dividing, square_roots=one.n)
+    return outside + cells
+
+
+def beside_the_array(
+    one: Recording, program: Program, network: str = 'crossbar'
+) -> tuple[Steps, int]:
+    """Return the steps of the processors beside the array, which also feed it, and its cycles."""
+    steps = networks.steps(program, network, one.processors)
+    best = one.edition == BEST_KNOWN
+    on_cells = [STREAMS, SECTION] if best else list(FACTORISATION)
+    feeding = stream_steps(one.n, one.processors or program.lanes, network)
+    outside = steps - in_sections(program, on_cells, one.processors, network) + feeding
+    return outside, solve_cycles(one.n) if best else _factorisation(one).cycles
+
+
+def _factorisation(one: Recording) -> Trace:
+    """Return a run of the array that factors, while n processors substitute."""
+    # Its actions depend on n alone.
+    return (literal_array if one.edition == AS_PRINTED else factor)(np.eye(one.n)).trace
+
+
+def time_of(
+    one: Recording, program: Program, weights: Mapping[str, float], iterations: int = 1
+) -> float:
+    """
+    Return the time of the arithmetic of a recording, from the time of each operation.
+
+    All cells of the array work at once and at one clock: a cycle takes the longest of a
+    multiplication with its addition, a division and a root, t_c of section 2.6.
+    """
+    steps, cycles = networks.steps(program, iterations=iterations), 0
+    if one.method == 'pcrbm_array':
+        steps, cycles = beside_the_array(one, program)
+    together = weights['multiplications'] + weights['additions']
+    cycle = max(together, weights['divisions'], weights['square_roots'])
+    outside = sum(t * getattr(steps, kind) for kind, t in weights.items())
+    return float(cycle * cycles + outside)
 
 
 def in_sections(
@@ -192,6 +234,7 @@ def row(
     edition: str = BEST_KNOWN,
     processors: int | None = None,
     iterations: int | None = None,
+    right_angles: bool = False,
 ) -> dict[str, Any]:
     """
     Return the counts of one edition of a method; `iterations`, default n, of an iterative one.
@@ -205,15 +248,18 @@ def row(
     lanes = processors or (1 if method in SERIAL else n)
     # Of a serial method all schedules are the same.
     schedules = ('parallel',) if method in SERIAL else ('parallel', 'unpacked')
-    ways = [Recording(method, n, edition, schedule, processors) for schedule in schedules]
+    ways = [
+        Recording(method, n, edition, schedule, processors, right_angles) for schedule in schedules
+    ]
     programs = [program_of(way) for way in ways]
     steps = list(map(partial(steps_of, iterations=times or 1), ways, programs))
-    serial = program_of(Recording(method, n, edition, 'sequential'))
+    serial = program_of(Recording(method, n, edition, 'sequential', None, right_angles))
     work, alone = (arithmetic(x.count(1, iterations=times or 1)) for x in (programs[0], serial))
     return {
         'system': method,
         'title': title_of(method, edition),
         'edition': edition,
+        'right_angles': right_angles,
         'n': n,
         'iterations': times,
         'processors': lanes,

@@ -124,12 +124,56 @@ def _skew(a: float, b: float) -> Array:
     return np.asarray(Rz @ Rx @ Ry)
 
 
-def uniform_chain(n: int) -> Robot:
-    """Return n equal rods with skew axes: as written, a count does not depend on the numbers."""
+def uniform_chain(n: int, right_angles: bool = False) -> Robot:
+    """
+    Return n equal rods with skew axes: as written, a count does not depend on the numbers.
+
+    With `right_angles` every second twist is 0 and the others 90 degrees.
+    """
     c, s = np.cos(1.0), np.sin(1.0)
     turns = np.tile([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]], (n, 1, 1))
+    if right_angles:
+        turns = np.where(np.arange(n)[:, None, None] % 2, _LYING, _UPRIGHT)
     reach, center, J = [0.25, 0.0, 0.1], [-0.125, 0.02, 0.01], np.diag([0.001, 0.005, 0.005])
     return _robot(f'uniform{n}', 'revolute', turns, reach, center, J)
+
+
+KINDS = (
+    'turning joints',
+    'turning and sliding joints',
+    'heavy tip',
+    'light tip',
+    'masses over 8 decades',
+    'tiny inertias',
+)
+
+
+def varied_chain(n: int, kind: str, seed: int = 0) -> Robot:
+    """Return a chain of one of KINDS: skew axes, centres of mass off them, full inertias."""
+    rng = np.random.default_rng([n, KINDS.index(kind), seed])
+    x, y, z, w = (q := rng.normal(size=(n, 4))).T / np.linalg.norm(q, axis=1)
+    turns = 2 * np.array(
+        [
+            [0.5 - y * y - z * z, x * y - w * z, x * z + w * y],
+            [x * y + w * z, 0.5 - x * x - z * z, y * z - w * x],
+            [x * z - w * y, y * z + w * x, 0.5 - x * x - y * y],
+        ]
+    ).transpose(2, 0, 1)
+    types = rng.choice(['revolute', 'prismatic'], n, p=[0.6, 0.4]).tolist()
+    masses = rng.uniform(0.5, 2.0, n)
+    if 'tip' in kind:
+        masses[-1] = 1e4 if kind == 'heavy tip' else 1e-4
+    elif 'decades' in kind:
+        masses = 10.0 ** rng.uniform(-4.0, 4.0, n)
+    radii = rng.uniform(0.05, 0.1, (n, 3)) * (1e-3 if kind == 'tiny inertias' else 1.0)
+    moments = masses[:, None] * (radii**2).sum(1, keepdims=True) - masses[:, None] * radii**2
+    axes = np.roll(turns, 1, axis=0)
+    J = axes @ (moments[:, :, None] * np.eye(3)) @ axes.transpose(0, 2, 1)
+    reach, centers = rng.uniform(-0.3, 0.3, (n, 3)), rng.uniform(-0.15, 0.15, (n, 3))
+    types = types if 'sliding' in kind else ['revolute'] * n
+    return _robot(
+        f'{kind}, {n}', types, turns, reach, centers, (J + J.transpose(0, 2, 1)) / 2, masses
+    )
 
 
 def _robot(

@@ -4,9 +4,6 @@
 Steps of every system compared with the paper, speed-up over n, and iterations of PCGM.
 
 texts/counts.md defines steps, editions, speed-up and efficiency. Divisions are counted apart, too.
-Of PCGM every iterate is observed while the emulator runs the counted program, for the residual
-does not measure its error, max|x - qdd| / max|qdd| with qdd by PCRBM. Sine and cosine are expanded
-into the other operations, so that iterations and errors are the same on every machine.
 """
 
 from __future__ import annotations
@@ -15,41 +12,43 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from benchmarks.cases import paper
+from benchmarks.cases import conjugate, paper
 from benchmarks.cases.paper import CORRECTED, EDITIONS, KINDS, PRINTED_AT, value
-from benchmarks.cases.problems import seeded_states
-from benchmarks.cases.robots import Array, uniform_chain
 from benchmarks.plots import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, panels
 from benchmarks.run import each
 from benchmarks.table import Columns, Row, grid, order, page, shown, stored_table, table
-from benchmarks.timing import differences
-from pfd_core.dynamics.methods import FORWARD, METHODS
-from pfd_core.kernels.sines import expand_sines
-from pfd_core.machine.emulator import run
-from pfd_core.model import Robot, resolve
-from pfd_core.paper.conjugate import record_pcgm
+from pfd_core.dynamics.methods import METHODS
+from pfd_core.paper.emulate import ROUNDINGS
 
 SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 24, 32, 48, 64)
 COUNTED = (*METHODS, 'constraint_forces')
-# Iterations of PCGM to an error: joints, states of each, and errors.
-PCGM_SIZES, STATES = (2, 3, 4, 5, 6, 8, 12, 16, 24, 32, 48, 64), 100
-TOLERANCES = (1e-3, 1e-6, 1e-9)
 
 
 def measure(quick: bool) -> dict[str, Any]:
     """Count every system, and iterations; quick is six joints only."""
     sizes = (PRINTED_AT,) if quick else SIZES
-    systems = [(x, n, edition) for n in sizes for x in COUNTED for edition in paper.editions_of(x)]
-    counts = each(_row, systems, 'counting steps', lambda key: key[1])
-    studied = [n for n in PCGM_SIZES if n in sizes]
-    reached = each(reached_by, studied, 'iterations of PCGM', int)
+    systems: list[tuple[Any, ...]] = [
+        (x, n, edition) for n in sizes for x in COUNTED for edition in paper.editions_of(x)
+    ]
+    systems += [
+        (x, n, edition, None, None, True)
+        for n in sizes
+        for x in paper.PROCEDURES
+        for edition in EDITIONS[:2]
+    ]
+    found = each(_row, systems, 'counting steps', lambda key: key[1])
+    counts = [x for x in found if not x['right_angles']]
+    studied = [n for n in conjugate.SIZES if n in sizes]
+    reached = each(conjugate.reached_by, studied, 'iterations of PCGM', int)
+    chains = conjugate.CHAINS[: 12 if quick else None]
+    statuses = each(conjugate.statuses_of, chains, 'statuses of PCGM', lambda chain: chain[0])
     return {
         'counts': counts,
+        'right_angles': [x for x in found if x['right_angles']],
         'serial': [best_serial(counts, n) for n in sizes],
         'parts': list(counted_parts(PRINTED_AT)),
         'reached': [row for rows in reached for row in rows],
+        'statuses': [row for rows in statuses for row in rows],
     }
 
 
@@ -71,8 +70,12 @@ def counted_parts(n: int) -> Iterator[dict[str, Any]]:
     """Yield the parts of sections 2.5 and 3, each counted by its sections of the recordings."""
     for system, parts in stored_table('paper_parts').items():
         recorded = {
-            prefix: paper.program_of(paper.Recording(system, n, edition))
-            for prefix, edition in (('as_printed_', EDITIONS[0]), ('corrected_', CORRECTED))
+            prefix: paper.program_of(paper.Recording(system, n, edition, right_angles=square))
+            for prefix, edition, square in (
+                ('right_angles_', EDITIONS[0], True),
+                ('as_printed_', EDITIONS[0], False),
+                ('corrected_', CORRECTED, False),
+            )
         }
         for part in parts:
             row = {'system': system, 'title': paper.title_of(system), 'remark': '', **part}
@@ -82,44 +85,15 @@ def counted_parts(n: int) -> Iterator[dict[str, Any]]:
             yield row
 
 
-def errors_of_iterates(robot: Robot, states: Mapping[str, Array]) -> Array:
-    """
-    Return the errors of x_0 = 0, x_1, ... of PCGM in each state, (iterations + 1, S).
-
-    `states` holds q, qd and tau, (S, n); after its last iteration a state keeps its error.
-    """
-    plant, errors = resolve(robot), list[Array]()
-    # One lane per link, as in the paper.
-    direct, iterative = FORWARD['pcrbm'](plant, 'parallel'), record_pcgm(plant, 'unpacked')
-    wanted = run(expand_sines(direct, 'float64'), states)['qdd']
-
-    def observe(rows: list[Any]) -> None:
-        # Rows are (lanes, states), x first.
-        errors.append(differences(np.broadcast_to(rows[0], wanted.T.shape).T, wanted))
-
-    run(expand_sines(iterative, 'float64'), states, observe=observe)
-    return np.array(errors)
-
-
-def reached_by(n: int) -> list[dict[str, Any]]:
-    """
-    Return the iterations of PCGM until the error is within each tolerance, and errors after n.
-
-    A median of an even number of states is the lower of the two in the middle. ArithmeticError if
-    a state does not reach a tolerance.
-    """
-    errors = errors_of_iterates(uniform_chain(n), seeded_states(n, STATES))
-    after_n, rows = np.sort(errors[min(n, len(errors) - 1)]), []
-    for tolerance in TOLERANCES:
-        inside = errors <= tolerance
-        if not inside.any(axis=0).all():
-            raise ArithmeticError(f'PCGM does not reach {tolerance} in a state of {n} joints')
-        first = np.sort(inside.argmax(axis=0))
-        row = {'n': n, 'median': first[(STATES - 1) // 2], 'worst': first[-1]}
-        row |= {'tolerance': tolerance, 'within_n': np.mean(inside[: n + 1].any(axis=0))}
-        row |= {'error_after_n': after_n[(STATES - 1) // 2], 'worst_after_n': after_n[-1]}
-        rows.append(row)
-    return rows
+def array_by_the_formulas() -> dict[str, Any]:
+    """Return totals by Table 1 of PCRBM with and without the array, and where they cross."""
+    with_array, without = (
+        {n: int(sum(paper.claimed(x, n))) for n in range(1, SIZES[-1])}
+        for x in ('pcrbm_array', 'pcrbm')
+    )
+    first = 1 + max(n for n in with_array if with_array[n] >= without[n])
+    at = {'with_array': with_array[PRINTED_AT], 'without_array': without[PRINTED_AT]}
+    return at | {'array_from': first}
 
 
 # ---- numbers of rows ----
@@ -158,8 +132,12 @@ def _printed() -> int:
 
 def summary(counts: Mapping[str, Any], claims: Mapping[str, Any]) -> str:
     """Return the speed-ups of PCRBM and the verdicts in two sentences, from both pages' data."""
-    found = (x for x in counts['counts'] if (x['system'], x['n']) == ('pcrbm', PRINTED_AT))
-    executed, _, own = with_baselines(found, counts['serial'])
+
+    def of_pcrbm(name: str) -> list[dict[str, Any]]:
+        found = (x for x in counts[name] if (x['system'], x['n']) == ('pcrbm', PRINTED_AT))
+        return with_baselines(found, counts['serial'])
+
+    executed, own = of_pcrbm('right_angles')[0], of_pcrbm('counts')[-1]
     return page(
         'paper-summary',
         printed=f'{executed["published"] / _printed():.2f}',
@@ -182,6 +160,8 @@ def text(data: dict[str, Any]) -> str:
     at = [x for x in rows if x['n'] == PRINTED_AT]
     serial = next(x for x in data['serial'] if x['n'] == PRINTED_AT)
     printed, published = _printed(), int(serial['published'])
+    square = [x for x in data['right_angles'] if x['n'] == PRINTED_AT]
+    (printed_square,) = with_baselines(square[:1], data['serial'])
     return page(
         'counts',
         n=PRINTED_AT,
@@ -191,9 +171,15 @@ def text(data: dict[str, Any]) -> str:
         printed=printed,
         printed_speed_up=f'{published / printed:.2f}',
         systems=table(SYSTEMS, (x for x in at if x['system'] in paper.TABLE)),
-        claims=table(CLAIMS, _claims(at)),
+        claims=table(CLAIMS, _claims(at, square)),
         parts=table(PARTS, data['parts']),
-        states=STATES,
+        square_speed_up=f'{speed_up(printed_square, "published"):.2f}',
+        **array_by_the_formulas(),
+        states=conjugate.STATES,
+        threshold=conjugate.threshold(data['reached'], data['statuses']),
+        within=f'{conjugate.WITHIN:g}',
+        roundings=f'{ROUNDINGS:g}',
+        statuses=table(STATUSES, conjugate.summary(data['statuses'])),
         reached=grid(
             {(x['n'], 'after n'): AFTER_N.format(**x) for x in data['reached']}
             | {(x['n'], order(x['tolerance'])): REACHED.format(**x) for x in data['reached']},
@@ -221,21 +207,26 @@ SYSTEMS: Columns = {
 }
 
 
-CLAIMS = shown(
-    'system operation formula printed sum_of_parts as_printed corrected best_known remark'
-)
+SQUARE = 'right_angles', 'right_angles_corrected'
+CLAIMS: Columns = {
+    **shown('system operation formula printed sum_of_parts'),
+    'as printed, twists 0/90': lambda x: x.get(SQUARE[0], '-'),
+    'corrected, twists 0/90': lambda x: x.get(SQUARE[1], '-'),
+    **shown('as_printed corrected best_known remark'),
+}
 
 
-def _claims(rows: Iterable[Row]) -> Iterator[Row]:
+def _claims(rows: Iterable[Row], square: Iterable[Row]) -> Iterator[Row]:
     """Yield the claims of Table 1, with the counts of each edition at PRINTED_AT."""
-    counts = {(x['system'], x['edition']): x for x in rows}
+    counts = {(x['system'], x['edition'].replace(' ', '_')): x for x in rows}
+    for name, edition in zip(SQUARE, EDITIONS, strict=False):
+        counts |= {(x['system'], name): x for x in square if x['edition'] == edition}
+    names = *SQUARE, *(edition.replace(' ', '_') for edition in EDITIONS)
     for system, claims in paper.TABLE.items():
         for kind in KINDS:
             claim = claims[kind]
             editions = {
-                edition.replace(' ', '_'): counts[system, edition][kind]
-                for edition in EDITIONS
-                if (system, edition) in counts
+                name: counts[system, name][kind] for name in names if (system, name) in counts
             }
             row = {'system': paper.title_of(system), 'operation': kind, **claim, **editions}
             parts = value(claim['parts'], PRINTED_AT) if 'parts' in claim else None
@@ -251,8 +242,19 @@ PARTS: Columns = {
     **shown('title item text derived'),
     'paper: mult': _formula('multiplications'),
     'add': _formula('additions'),
+    'as printed, twists 0/90: mult': 'right_angles_multiplications',
+    'add ': 'right_angles_additions',
     **shown('as_printed_multiplications as_printed_additions'),
     **shown('corrected_multiplications corrected_additions remark'),
+}
+STATUSES: Columns = {
+    'method': 'method',
+    'chains': 'chains',
+    'ok': 'ok',
+    'worst error of these': lambda x: f'{x["worst"]:.0f} roundings x condition, {x["error"]:.0e}',
+    'other status': 'refused',
+    'of these right': 'right',
+    'of these with an error below 1e-6': 'small',
 }
 # Cells of the table of iterations.
 AFTER_N = '{error_after_n:.0e} / {worst_after_n:.0e}'

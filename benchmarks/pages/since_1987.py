@@ -108,7 +108,7 @@ def _row(system: str, one: Recording) -> dict[str, Any]:
         'title': paper.title_of(one.method, one.edition),
         'n': one.n,
         'packing': SCHEDULES[one.schedule],
-        'arithmetic': sum(t * getattr(on['crossbar'], kind) for kind, t in WEIGHTS.items()),
+        'arithmetic': paper.time_of(one, program, WEIGHTS, count),
         **{network: steps.routes for network, steps in on.items()},
     }
 

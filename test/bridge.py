@@ -89,8 +89,6 @@ NAMES = {
     # pfd_core.paper: recorders of programs on n lanes
     'array_pipeline': 'pfd_core.paper.array:pipeline',
     'array_solve': 'pfd_core.paper.array:solve',
-    'fohra_structure': 'pfd_core.paper.first_level:structure_of',
-    'record_fohra': 'pfd_core.paper.first_level:record_fohra',
     'literal_array': 'pfd_core.paper.array:literal_array',
     'default_pcgm_limit': 'pfd_core.paper.conjugate:default_limit',
     'PCGM_STEP_4': 'pfd_core.paper.editions:STEP_4',

@@ -260,10 +260,11 @@ def pcgm_parts(n: int, literal: bool) -> dict[str, Counts]:
         # z u, wd x p*, wd x s, m a, J wd, s x F, p* x f, z . n; four sums of vectors.
         'step 7': (42, 12 * L + 29, 0, 0),
         'step 8': (1, L, 1, 0),
-        'steps 9 to 11': (2, 2, 0, 0),
-        'step 12': (1, L, 0, 0),
-        'steps 14, 15': (1, 1, 1, 0),
+        'step 9': (1, 1, 0, 0),
     }
+    if n == 1:  # the only iteration ends with step 10
+        return found
+    found |= {'step 11': (1, 1, 0, 0), 'step 12': (1, L, 0, 0), 'steps 14, 15': (1, 1, 1, 0)}
     return found | ({'step 5': (1, L, 0, 0)} if literal else {})
 
 

@@ -32,6 +32,7 @@ from sampling import one_fast
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import shortest_path
 
+from benchmarks.cases import conjugate
 from benchmarks.cases.paper import (
     EDITIONS,
     PROCEDURES,
@@ -347,7 +348,7 @@ def reached(n: int, tolerance: float = 1e-6) -> Row:
 def test_the_first_iterate_is_off_by_all_and_the_last_is_the_answer() -> None:
     unit = 2 * np.random.default_rng(3).random((3, 4, 3)) - 1
     states = {'q': 3 * unit[0], 'qd': unit[1], 'tau': unit[2]}
-    errors = counts.errors_of_iterates(uniform_chain(3), states)
+    errors = conjugate.errors_of_iterates(uniform_chain(3), states)
     np.testing.assert_array_equal(errors[0], 1.0)
     assert len(errors) <= default_pcgm_limit(3) + 1
     # Ten units of rounding of a solution by H, times its condition; seen up to 1e-14.
@@ -357,18 +358,18 @@ def test_the_first_iterate_is_off_by_all_and_the_last_is_the_answer() -> None:
 @pytest.mark.parametrize('name', one_fast(['uniform6', 'puma560', 'ur5', 'panda']))
 def test_n_iterations_do_not_converge_on_arms(name: str) -> None:
     robot = uniform_chain(6) if name == 'uniform6' else pfd.load_robot(name)
-    errors = counts.errors_of_iterates(robot, counts.seeded_states(robot.n, 1000))
+    errors = conjugate.errors_of_iterates(robot, conjugate.seeded_states(robot.n, 1000))
     assert np.median(errors[robot.n]) > 100 * errors[-1].max()
     # Ten units of rounding of a solution by H, times its condition; seen up to 1.2e-14.
     assert errors[-1].max() < 1e-13
 
 
-@pytest.mark.parametrize('n', [n for n in counts.PCGM_SIZES if n <= 6])
+@pytest.mark.parametrize('n', [n for n in conjugate.SIZES if n <= 6])
 def test_n_iterations_are_enough_up_to_six_joints(n: int) -> None:
     assert reached(n, 1e-9)['worst'] <= n
 
 
-@pytest.mark.parametrize('n', [n for n in counts.PCGM_SIZES if n >= 12])
+@pytest.mark.parametrize('n', [n for n in conjugate.SIZES if n >= 12])
 def test_from_twelve_joints_on_no_state_gets_its_accelerations_in_n_iterations(n: int) -> None:
     row = reached(n)
     assert row['within_n'] == 0
@@ -377,11 +378,11 @@ def test_from_twelve_joints_on_no_state_gets_its_accelerations_in_n_iterations(n
 
 
 def test_iterations_grow_faster_than_joints() -> None:
-    ratio = [reached(n)['median'] / n for n in counts.PCGM_SIZES if n >= 8]
+    ratio = [reached(n)['median'] / n for n in conjugate.SIZES if n >= 8]
     assert ratio == sorted(ratio)
 
 
 @pytest.mark.parametrize('n', one_fast([4, 12, 24], 4))
 def test_stored_iterations_are_what_is_measured_now(n: int) -> None:
-    found = counts.reached_by(n)
+    found = conjugate.reached_by(n)
     assert json.loads(json_text(found)) == [x for x in stored('counts')['reached'] if x['n'] == n]

@@ -100,7 +100,8 @@ def chain_on_lanes(plant: Plant, schedule: str, edition: Edition = OURS) -> Chai
     A, a, s, J = link_parameters(robot, keep_tip=plant.external_wrench)
     offsets = np.array([product(A[i].T, a[i]) for i in range(robot.n)])
     # The paper's counts suppose twists of 0 and 90 degrees.
-    squares = edition.printed and recorder.parallel and bool(np.isin(A, (-1.0, 0.0, 1.0)).all())
+    square = bool(np.isin(robot.rotations, (-1.0, 0.0, 1.0)).all())
+    squares = square and edition.printed and recorder.parallel
     known = first_level.structure_of(A, robot.turning)
     A = rows(recorder, A)
     m, s, J = recorder.constant(robot.masses), rows(recorder, s), rows(recorder, J)

@@ -4,7 +4,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+import json
 import math
+from pathlib import Path
+from typing import Any
 
 from bridge import (
     FORWARD_METHODS,
@@ -22,7 +26,6 @@ from bridge import (
     run_program,
 )
 from closed_forms import (
-    EVERY_SIZE,
     Counts,
     arithmetic,
     by_section,
@@ -36,6 +39,8 @@ import pytest
 from tolerances import ACCELERATION
 from zoo import random_chain, random_state, right_angled
 
+from benchmarks.cases import conjugate
+from benchmarks.cases.paper import AS_PRINTED, CORRECTED, row
 from benchmarks.cases.robots import uniform_chain
 import pfd_core as pfd
 
@@ -199,8 +204,8 @@ def products(n: int, packed: bool) -> int:
     return n * (n - 1) // 2
 
 
-def pcrbm_parts(n: int, packed: bool, literal: bool) -> dict[str, Counts]:
-    """Return multiplications, additions, divisions and roots of each section."""
+def pcrbm_parts(n: int, packed: bool, literal: bool, square: bool = False) -> dict[str, Counts]:
+    """Return multiplications, additions, divisions and roots of each section, of each twist."""
     L, p = levels(n), pairs(n, packed)
     many = n > 1
     found = {
@@ -236,24 +241,41 @@ def pcrbm_parts(n: int, packed: bool, literal: bool) -> dict[str, Counts]:
         }
     else:
         found['factorisation'] = (products(n, packed), n * (n - 1) // 2, n - 1, n)
+    if square:
+        # Five elements of R_i are 0 or 1: a first level of 8 and 4. One component of p*_i is 0.
+        found |= {'orientation': (27 * L - 19, 18 * L - 14, 0, 0), 'link vectors': (60, 39, 0, 0)}
     return {section: counts for section, counts in found.items() if any(counts)}
+
+
+# Chains by twist: skew axes of any length, twists of 0 and 90 degrees from two joints on.
+TWISTS = [
+    *((False, n) for n in range(1, 33)),
+    *((True, n) for n in range(2, 17)),
+]
+
+
+def of_twist(n: int, square: bool) -> pfd.Robot:
+    return uniform_chain(n, right_angles=True) if square else chain(n)
 
 
 @pytest.mark.sweep
 @pytest.mark.parametrize('literal', [False, True])
 @pytest.mark.parametrize('schedule', ['parallel', 'unpacked'])
-@pytest.mark.parametrize('n', EVERY_SIZE)
-def test_pcrbm_of_1987_has_its_closed_forms(n: int, schedule: str, literal: bool) -> None:
+@pytest.mark.parametrize(('square', 'n'), TWISTS)
+def test_pcrbm_of_1987_has_its_closed_forms(
+    n: int, square: bool, schedule: str, literal: bool
+) -> None:
     misprints = MISPRINTS_OF['pcrbm_1987'] if literal else ()
-    program = record_pcrbm_1987(resolve_plant(chain(n)), schedule, misprints=misprints)
-    assert by_section(program) == pcrbm_parts(n, schedule == 'parallel', literal)
+    plant = resolve_plant(of_twist(n, square))
+    program = record_pcrbm_1987(plant, schedule, misprints=misprints)
+    assert by_section(program) == pcrbm_parts(n, schedule == 'parallel', literal, square)
 
 
-def pcgm_parts(n: int, literal: bool) -> dict[str, Counts]:
+def pcgm_parts(n: int, literal: bool, square: bool = False) -> dict[str, Counts]:
     """Return multiplications, additions, divisions and roots of each section, one iteration."""
     L = levels(n)
     before = ('joint rotation', 'orientation', 'link vectors', 'newton_euler', 'right-hand side')
-    shared = pcrbm_parts(n, False, False)
+    shared = pcrbm_parts(n, False, False, square)
     found = {section: shared[section] for section in before if section in shared}
     found |= {
         'first inner product': (1, L, 0, 0),
@@ -270,20 +292,130 @@ def pcgm_parts(n: int, literal: bool) -> dict[str, Counts]:
 
 @pytest.mark.sweep
 @pytest.mark.parametrize('literal', [False, True])
-@pytest.mark.parametrize('n', EVERY_SIZE)
-def test_pcgm_of_1987_has_its_closed_forms(n: int, literal: bool) -> None:
+@pytest.mark.parametrize(('square', 'n'), TWISTS)
+def test_pcgm_of_1987_has_its_closed_forms(n: int, square: bool, literal: bool) -> None:
     misprints = MISPRINTS_OF['pcgm_1987'] if literal else ()
-    program = record_pcgm_1987(resolve_plant(chain(n)), 'parallel', misprints=misprints)
-    assert by_section(program) == pcgm_parts(n, literal)
-    unpacked = record_pcgm_1987(resolve_plant(chain(n)), 'unpacked', misprints=misprints)
+    plant = resolve_plant(of_twist(n, square))
+    program = record_pcgm_1987(plant, 'parallel', misprints=misprints)
+    assert by_section(program) == pcgm_parts(n, literal, square)
+    unpacked = record_pcgm_1987(plant, 'unpacked', misprints=misprints)
     assert unpacked == program  # no pairs, nothing to pack
 
 
-def test_six_joints_of_1987_take_366_and_351_with_pairs_packed_and_391_and_361_without() -> None:
-    # Divisions are multiplications, as in the paper, and R_i is given.
-    run = pfd.emulate(uniform_chain(6), *[[0.1] * 6] * 3, method='pcrbm_1987')
-    steps = run.steps - run.steps_by_section['joint rotation']
-    assert (steps.multiplications + steps.divisions, steps.additions) == (366, 351)
-    for schedule, wanted in (('parallel', (366, 351, 6)), ('unpacked', (391, 361, 6))):
-        found = arithmetic(record_pcrbm_1987(resolve_plant(chain(6)), schedule).count())
-        assert (found[0] + found[2] - 12, found[1] - 6, found[3]) == wanted
+@pytest.mark.sweep
+@pytest.mark.parametrize('square', [False, True])
+@pytest.mark.parametrize('n', range(2, 17))
+def test_pcrbm_with_the_array_takes_its_cycles_for_the_factorisation(n: int, square: bool) -> None:
+    # A cycle is a multiplication or a division, and an addition if a cell subtracts: in P_21 from
+    # cycle 4 as printed and 3 corrected, in row n to the cycle before the last root.
+    for literal, edition, cycles in ((True, AS_PRINTED, 3 * n - 1), (False, CORRECTED, 3 * n - 2)):
+        parts = pcrbm_parts(n, True, literal, square)
+        cells = ('set ordering', 'square roots', 'divisions', 'factorisation', 'joint rotation')
+        rest = [counts for section, counts in parts.items() if section not in cells]
+        products, sums, divisions, _ = map(sum, zip(*rest, strict=True))
+        found = row('pcrbm_array', n, edition, right_angles=square)
+        assert found['multiplications'] == products + divisions + cycles
+        assert found['additions'] == sums + 3 * n - 5
+        assert found['square_roots'] == n
+
+
+def test_conjugate_gradients_as_printed_end_with_step_10_of_iteration_n() -> None:
+    run = pfd.emulate(uniform_chain(6), *[[0.1] * 6] * 3, method='pcgm_1987', edition='printed')
+    products = {
+        name: steps.multiplications
+        for name, steps in run.steps_by_section.items()
+        if name.startswith('step')
+    }
+    assert run.iterations == 6
+    assert products == {
+        'step 7': 42 * 6,
+        'step 8': 6,
+        'step 9': 6,
+        'step 11': 5,
+        'step 12': 5,
+        'steps 14, 15': 5,
+        'step 5': 5,
+    }
+
+
+# Multiplications and additions as printed and corrected, R_i given, divisions multiplications.
+HEADLINES = {
+    ('uniform', 'pcrbm_1987'): ((362, 342), (366, 351)),
+    ('uniform', 'pcgm_1987'): ((527, 664), (522, 649)),
+    ('puma560', 'pcrbm_1987'): ((340, 325), (344, 334)),
+    ('puma560', 'pcgm_1987'): ((505, 647), (500, 632)),
+}
+
+
+@pytest.mark.parametrize(('name', 'method'), HEADLINES)
+def test_emulate_gives_the_headline_of_six_joints_without_the_section_of_rotations(
+    name: str, method: str
+) -> None:
+    robot = uniform_chain(6) if name == 'uniform' else pfd.load_robot(name)
+    found = []
+    for edition in ('printed', 'corrected'):
+        run = pfd.emulate(robot, *[[0.1] * 6] * 3, method=method, edition=edition)
+        steps = run.steps - run.steps_by_section['joint rotation']
+        found.append((steps.multiplications + steps.divisions, steps.additions))
+    assert tuple(found) == HEADLINES[name, method]
+
+
+def test_one_lane_per_link_takes_391_and_361_corrected() -> None:
+    found = arithmetic(record_pcrbm_1987(resolve_plant(chain(6)), 'unpacked').count())
+    assert (found[0] + found[2] - 12, found[1] - 6, found[3]) == (391, 361, 6)
+
+
+# ---- statuses --------------------------------------------------------------------------------
+
+
+def stored_statuses() -> list[dict[str, Any]]:
+    path = Path(__file__).resolve().parent.parent / 'docs' / 'report' / 'counts.json'
+    rows: list[dict[str, Any]] = json.loads(path.read_text(encoding='utf-8'))['data']['statuses']
+    return rows
+
+
+def check_statuses(rows: list[dict[str, Any]]) -> None:
+    """Assert that no wrong answer is `ok`, and that few right ones are not."""
+    refused = 0
+    for x in rows:
+        right = x['error'] <= conjugate.RIGHT * x['rounding']
+        assert right or x['status'] == 'not_converged', x
+        refused += right and x['status'] != 'ok'
+    assert refused <= len(rows) / 200
+
+
+def test_no_answer_of_conjugate_gradients_that_is_wrong_is_called_ok() -> None:
+    rows = stored_statuses()
+    assert len(rows) == 2 * len(conjugate.CHAINS)
+    check_statuses(rows)
+    found = {x['status'] for x in rows if x['method'] == 'pcgm_1987'}
+    assert found == {'ok', 'not_converged'}
+    assert {x['status'] for x in rows if x['method'] == 'pcgm'} == {'ok'}
+
+
+def test_statuses_in_docs_are_those_of_now() -> None:
+    rows, known = [], stored_statuses()
+    some = [*range(24, 36), *range(100, 110)]
+    for k in some:
+        rows += conjugate.statuses_of(conjugate.CHAINS[k])
+    check_statuses(rows)
+    wanted = [known[2 * k + i]['status'] for k in some for i in range(2)]
+    assert [x['status'] for x in rows] == wanted
+
+
+@pytest.mark.parametrize('method', ['pcrbm', 'composite_body', 'constraint_forces', 'pcgm_1987'])
+def test_the_error_of_a_run_is_the_distance_from_fifty_digits(method: str) -> None:
+    robot = pfd.load_robot('panda')
+    state = np.random.default_rng(3).normal(size=(3, 7))
+    exact = pfd.emulate(robot, *state, digits=50).qdd
+    run = pfd.emulate(robot, *state, method=method)
+    off = float(abs(run.qdd - exact).max() / abs(exact).max())
+    # Of the rounding of the residual, up to 2e-15 here.
+    assert abs(run.error - off) < 0.1 * off + 1e-14
+
+
+def test_a_singular_matrix_has_no_error_and_is_no_answer() -> None:
+    robot = uniform_chain(2)
+    light = replace(robot, masses=np.zeros(2), inertias=np.zeros((2, 3, 3)))
+    run = pfd.emulate(light, *np.ones((3, 2)), method='pcgm')
+    assert (run.status, run.error) == ('not_converged', np.inf)

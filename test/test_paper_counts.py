@@ -9,11 +9,10 @@ import math
 from typing import Any
 
 from bridge import (
+    FORWARD_METHODS,
     ITERATIVE_METHODS,
     SERIAL_METHODS,
-    fohra_structure,
     literal_array,
-    record_fohra,
     record_inverse_dynamics,
     resolve_plant,
 )
@@ -89,6 +88,14 @@ def test_the_parts_of_the_paper_sum_to_what_adding_them_by_hand_gives() -> None:
         )
 
 
+def test_two_ceilings_as_floors_and_6_n_give_334_and_328() -> None:
+    # A conjecture about the printed values, which no formula gives.
+    n, h, L = 6, 3, 3
+    assert 35 // 6 + 6 * n + 10 * h + 31 * L + 170 == 334
+    assert 35 // 2 + 6 * n + 5 * h + 45 * L + 125 == 328
+    assert claimed('pcrbm', n) == (6 + 4 * n + 10 * h + 31 * L + 170, 18 + 5 * n + 5 * h + 260)
+
+
 @pytest.mark.parametrize('n', SIZES)
 def test_the_derived_parts_and_the_decomposed_step_2_make_the_papers_constants(n: int) -> None:
     # 170 = 110 + 60, and 125 = 86 + 39 without the 3 n of (25) and the L of (15).
@@ -128,14 +135,49 @@ def test_corrected_is_the_method_of_1987_that_emulate_runs(method: str) -> None:
     assert (counts['additions'], counts['routes']) == (steps.additions, steps.routes)
 
 
-@pytest.mark.parametrize('n', one_fast([3, 6, 12], 6))
+# Of six joints with twists of 0 and 90 degrees, by hand: as printed and corrected.
+TOTALS = {
+    'pcrbm': ((340, 325), (344, 334)),
+    'pcrbm_array': ((348, 332), (347, 332)),
+    'pcgm': ((505, 647), (500, 632)),
+}
+
+
 @pytest.mark.parametrize('system', PROCEDURES)
-def test_no_system_as_printed_takes_as_few_multiplications_as_its_formula(
-    system: str, n: int
-) -> None:
-    counts = counted(system, n, AS_PRINTED)
-    formula = claimed(system, n)[0]
-    assert counts['unpacked_multiplications'] >= counts['multiplications'] > formula
+def test_totals_with_right_angles_are_those_of_hand(system: str) -> None:
+    found = (row(system, 6, edition, right_angles=True) for edition in EDITIONS[:2])
+    assert tuple((x['multiplications'], x['additions']) for x in found) == TOTALS[system]
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize('n', range(2, 17))
+def test_totals_over_n_are_closed_forms(n: int) -> None:
+    L, h, P6 = levels(n), n // 2, math.ceil((n * n - 1) / 6)
+    K = sum(math.ceil((i - 1) * (n - i + 1) / n) for i in range(2, n + 1))
+    # Twists of 0 and 90 degrees and skew ones: the first level and a component of p*.
+    for square, less in ((True, (22, 17)), (False, (0, 0))):
+        totals = {
+            ('pcrbm', AS_PRINTED): (
+                31 * L + 10 * h + P6 + 4 * n + 209,
+                46 * L + 5 * h + P6 + 5 * n + 153,
+            ),
+            ('pcrbm', CORRECTED): (
+                31 * L + 9 * h + K + 5 * n + 208,
+                46 * L + 5 * h + n * (n + 9) // 2 + 153,
+            ),
+            ('pcgm', AS_PRINTED): (
+                27 * L + 151 + 50 * n - 5,
+                34 * L + 108 + n * (15 * L + 32) - (2 * L + 2),
+            ),
+            ('pcgm', CORRECTED): (
+                27 * L + 151 + 49 * n - 4,
+                34 * L + 108 + n * (14 * L + 32) - (L + 2),
+            ),
+        }
+        for (system, edition), wanted in totals.items():
+            x = row(system, n, edition, right_angles=square)
+            found = x['multiplications'] + less[0] * square, x['additions'] + less[1] * square
+            assert found == wanted, (system, edition, square)
 
 
 def test_only_the_array_takes_other_roots_as_printed_than_the_paper_claims() -> None:
@@ -155,8 +197,16 @@ def test_parts_are_counted_once_each(n: int) -> None:
             assert (iteration['item'], before['item']) == ('(d)', '(e)')
             own = [before] + [iteration] * n
         for edition, prefix in ((AS_PRINTED, 'as_printed_'), (CORRECTED, 'corrected_')):
+            # The last iteration ends with step 10: without steps 11, 12, 14 and 15, and step 5.
+            twice = 1 + (edition == AS_PRINTED)
+            skipped = {
+                'multiplications': 3 + twice,
+                'additions': 2 + twice * levels(n),
+                'divisions': 1,
+            }
             for kind in (*KINDS, 'divisions'):
                 total = sum(x[prefix + kind] for x in own)
+                total -= skipped.get(kind, 0) if system == 'pcgm' else 0
                 assert total == counted(system, n, edition)[kind]
         whole, *inside = [x for x in parts if x['system'] == system and '(f)' in x['item']] or [{}]
         for kind in KINDS if whole else ():
@@ -164,14 +214,16 @@ def test_parts_are_counted_once_each(n: int) -> None:
             assert sum(x[key] for x in inside) == whole[key]
 
 
-# Of the parts that the paper derives; the others differ, for the reason in their remark.
+# Of the parts that the paper derives, with twists of 0 and 90 degrees and with skew axes; others
+# differ, for the reason in their remark.
 EQUAL = {('pcrbm', '(b)'), ('pcrbm', '(c)'), ('pcgm', '(c)')}
 MORE = {
-    ('pcrbm', '(a)'): (19, 14),
-    ('pcrbm', '(d)'): (3, 2),
-    ('pcgm', '(a)'): (19, 14),
-    ('pcgm', '(b), step 3'): (3, 2),
-    ('pcgm', '(b), step 7'): (0, 3),
+    ('pcrbm', '(a)'): ((0, 0), (19, 14)),
+    ('pcrbm', '(d)'): ((3, 2), (3, 2)),
+    ('pcgm', '(a)'): ((0, 0), (19, 14)),
+    ('pcgm', '(b), step 3'): ((3, 2), (3, 2)),
+    ('pcgm', '(b), step 7'): ((0, 3), (0, 3)),
+    ('pcgm', '(e)'): ((5, 4), (27, 21)),
 }
 
 
@@ -179,20 +231,22 @@ MORE = {
 def test_parts_are_those_of_the_paper_or_differ_by_a_known_number(n: int) -> None:
     L = (n - 1).bit_length()
     P6, P2 = -((1 - n * n) // 6), -((1 - n * n) // 2)
-    known = MORE | dict.fromkeys(EQUAL, (0, 0))
+    known = MORE | dict.fromkeys(EQUAL, ((0, 0), (0, 0)))
     known |= {
-        ('pcrbm', '(e)'): (0, P6 - P2),  # set ordering is shorter than the paper says
-        ('pcrbm', '(f)'): (77, 33 + 18 - 3 * n),
-        ('pcgm', '(d)'): (1, L + 2),
-        ('pcgm', '(e)'): (27, 21),
+        ('pcrbm', '(e)'): ((0, P6 - P2),) * 2,  # set ordering is shorter than the paper says
+        ('pcrbm', '(f)'): ((74, 30 + 18 - 3 * n), (77, 33 + 18 - 3 * n)),
+        ('pcgm', '(d)'): ((1, L + 2),) * 2,
     }
     derived = 0
     for x in counted_parts(n):
-        more = tuple(x[f'as_printed_{kind}'] - x[f'claimed_{kind}'] for kind in KINDS[:2])
+        more = tuple(
+            tuple(x[f'{prefix}_{kind}'] - x[f'claimed_{kind}'] for kind in KINDS[:2])
+            for prefix in ('right_angles', 'as_printed')
+        )
         if x['derived']:
             derived += 1
             assert more == known[x['system'], x['item']]
-        assert more == (0, 0) or x['remark']
+        assert more == ((0, 0), (0, 0)) or x['remark']
     assert derived == len(known)
 
 
@@ -216,17 +270,11 @@ def test_direct_methods_stay_at_or_below_the_papers_formulas(method: str) -> Non
 def test_a_puma_takes_27_l_minus_19_multiplications_and_18_l_minus_14_additions(name: str) -> None:
     robot = pfd.load_robot(name)
     L = levels(robot.n)
-    counts = record_fohra(fohra_structure(robot)).count()
+    program = FORWARD_METHODS['pcrbm_1987'](resolve_plant(robot), 'parallel')
+    counts = program.count(section='orientation')
     # By hand, twists 0 and 90 degrees: four elements are sums of two products, four others free.
     assert (counts.multiplications, counts.additions) == (27 * L - 19, 18 * L - 14)
     assert counts.routes == 9 * L
-
-
-@pytest.mark.parametrize('n', [2, 3, 6, 9])
-def test_other_twists_save_six_products_of_the_first_level(n: int) -> None:
-    # R_i has one zero, below the cosine: three products by it from the left, three from the right.
-    counts = record_fohra(fohra_structure(uniform_chain(n))).count()
-    assert (counts.multiplications, counts.additions) == (27 * levels(n) - 6, 18 * levels(n) - 6)
 
 
 @pytest.mark.parametrize('n', range(2, 10))
@@ -333,7 +381,14 @@ def test_no_method_for_n_lanes_beats_thebest_serial_one_on_one_processor(n: int)
                 assert counted(method, n, edition)['own'] > best_serial(n)['best']
 
 
-def test_the_papers_own_speed_up_is_taken_over_its_published_serial_count() -> None:
+def test_the_papers_own_speed_up_is_nearly_reached_with_right_angles() -> None:
     # Method 3, 1627 and 1255, over 334 and 328 as printed: 4.35.
     assert published_serial(6) == 1627 + 1255
-    assert published_serial(6) / arithmetic_of(counted('pcrbm', 6, AS_PRINTED)) < 2882 / 662
+    square = row('pcrbm', 6, AS_PRINTED, right_angles=True)
+    assert arithmetic_of(square) == 340 + 325 + 1
+    assert published_serial(6) / arithmetic_of(counted('pcrbm', 6, AS_PRINTED)) < 2882 / 666
+
+
+def test_the_array_does_not_pay_by_its_own_formulas_below_eight_joints() -> None:
+    totals = page.array_by_the_formulas()
+    assert totals == {'with_array': 653, 'without_array': 646, 'array_from': 8}

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from functools import partial
 import math
 from typing import Any
 
@@ -175,6 +176,24 @@ def test_the_printed_array_takes_3n_minus_1_cycles_for_equations_11_and_12(n: in
         np.testing.assert_array_equal(found.L, equations['L'])
         assert found.trace.cycles == 3 * n - 1
     assert found.status == ('ok' if n < 3 else 'wrong_matrix')
+
+
+@pytest.mark.parametrize('second', [2.0, 1.0])
+def test_a_cell_that_compares_numbers_keeps_an_equal_element_too(second: float) -> None:
+    # Column 1 of Figure 2 (b) as printed, u_in = h_ki: h_21 and h_31 pass P_21 on their way.
+    wanted = {(1, 1): 1.0, (1, 2): second}
+
+    def keeps(number: float, kept: list[float] | None, ports: SystolicPorts) -> SystolicStep:
+        item, kept = ports['left'], kept or []
+        equal = item == number
+        return SystolicStep([*kept, item] if equal else kept, {} if equal else {'right': item})
+
+    links = row_of_cells(2, pass_on).links
+    cells = {place: partial(keeps, number) for place, number in wanted.items()}
+    trace = SystolicArray(cells, links).run({FIRST: {1: 1.0, 2: second}})
+    assert (trace.states[1, 1], trace.states[1, 2]) == (
+        ([1.0], [2.0]) if second == 2.0 else ([1.0, 1.0], None)
+    )
 
 
 def test_a_matrix_that_cannot_be_factored_is_a_status_and_leaves_the_next_ones_alone() -> None:

@@ -39,9 +39,9 @@ from benchmarks.cases.paper import (
     Recording,
     program_of,
     steps_of,
+    time_of,
 )
 from benchmarks.cases.robots import uniform_chain
-from benchmarks.pages import counts
 from benchmarks.pages.since_1987 import (
     NETWORKS,
     ONE,
@@ -238,6 +238,22 @@ def test_routes_of_a_method_are_those_that_emulate_executes(network: str) -> Non
     one = Recording('pcrbm_base_origin', 6)
     counts = steps_of(one, program_of(one), network=network)
     assert counts.routes == run.steps.routes
+
+
+@pytest.mark.parametrize(('edition', 'cycles'), [*zip(EDITIONS, (17, 16, 28), strict=True)])
+def test_a_cycle_of_the_array_takes_its_longest_operation(edition: str, cycles: int) -> None:
+    # t_c of section 2.6: 3 n - 1, 3 n - 2 and 5 n - 2 cycles. Outside the array no root is taken.
+    one = Recording('pcrbm_array', 6, edition)
+    program = program_of(one)
+    times = [
+        time_of(
+            one,
+            program,
+            {'multiplications': 1, 'additions': 1, 'square_roots': root} | {'divisions': 4},
+        )
+        for root in (0, 4, 40)
+    ]
+    assert np.diff(times).tolist() == [0, 36 * cycles]
 
 
 def test_best_known_is_best_on_every_network_at_every_price(written: list[Row]) -> None:

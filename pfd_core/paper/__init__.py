@@ -20,7 +20,7 @@ The paper's procedures, in any edition:
     conjugate      PCGM: conjugate gradients
     set_ordering   Procedure Set-Ordering and Cholesky as printed
     array          the triangular array, corrected and as printed
-    first_level    FOHRA for twists of 0 and 90 degrees
+    first_level    the pose for twists of 0 and 90 degrees, at the paper's price
 
 Since then, and for all of them:
 
@@ -37,7 +37,7 @@ From an equation to its function:
     (5) to (7)           patterns.row_sweep
     (8.a) to (10)        composite.inertia_matrix
     (11), (12)           solve.cholesky; as printed set_ordering.literal_factor
-    (13)                 patterns.product
+    (13)                 patterns.product; first_level.product_of_right_angles
     (14)                 chain.chain_on_lanes
     (15) to (20)         composite._composite_bodies
     (21), (22)           composite._forces: F_j and N_j of one joint serve all f_ij

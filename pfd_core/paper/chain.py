@@ -18,7 +18,8 @@ as given; 3 r and 2 r for the recurrence, whose levels k = 0 .. L - 1 pack 9 (n 
 matrices onto n lanes, r rounds in all: at n = 6 that is 51 and 34 with 160 routes, where 27 L and
 18 L with 27 routes would do without packing (81 and 54) and the paper prints 27 L - 19 = 62 and
 18 L - 14 = 40, without routes; 63 and 42 for the vectors. A prismatic joint anywhere in the chain
-adds 3 and 3. The paper's counts hold for twists of 0 and 90 degrees: pfd_core.paper.first_level.
+adds 3 and 3. The paper's counts hold for twists of 0 and 90 degrees; for these its form takes
+them: pfd_core.paper.first_level.
 """
 
 from __future__ import annotations

@@ -43,9 +43,10 @@ R_i given:
     31 L + 9 h + K + 2 n + 208 multiplications,  K = sum over i = 2..n of ceil((i-1)(n-i+1)/n)
     46 L + 5 h + (n^2 + 9 n)/2 + 153 additions,  3 n divisions,  n square roots
 
-which is 348, 351, 18 and 6 at n = 6. With one lane a link, 9 (n - 1), 5 (n - 1) and n (n - 1)/2
-replace 9 h, 5 h and K: 373, 361, 18 and 6. Of our form, H takes 4 L + 9 h + 42 multiplications,
-10 L + 5 h + 3 n + 32 additions and 2 divisions.
+which is 348, 351, 18 and 6 at n = 6; for twists of 0 and 90 degrees, which the paper's counts
+suppose, 22 and 17 fewer (pfd_core.paper.first_level). With one lane a link, 9 (n - 1), 5 (n - 1)
+and n (n - 1)/2 replace 9 h, 5 h and K: 373, 361, 18 and 6. Of our form, H takes 4 L + 9 h + 42
+multiplications, 10 L + 5 h + 3 n + 32 additions and 2 divisions.
 
 About the origin of the base (`inertia_matrix_base_origin`, not in the paper, which carries moments
 from joint to joint by the row sweep) no moment is shifted and nothing is divided:

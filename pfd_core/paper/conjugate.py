@@ -8,30 +8,31 @@ PCGM: H qdd = tau - bias by conjugate gradients, H times a vector by the Newton-
     5, 6    e_0 = w_0' w_0;  stop if it is zero
     7       t = H u by NE1                                                (printed: also x_1 = t)
     8       g = e / u't
-    9, 10   x <- x + g u;  stop after n iterations
+    9, 10   x <- x + g u;  stop in iteration n
     11      w <- w - g t
     12, 13  e' = w' w;  stop if it is zero
     14, 15  u <- w + (e'/e) u
     16      back to step 7                                                (printed: 5)
 
 Lee and Chang 1987, section 3 and Appendix B, after Walker and Orin 1982, method 4. The misprints
-are in pfd_core.paper.editions; steps 11 to 15 also run in the last iteration, as item (d) counts
-them.
+are in pfd_core.paper.editions. The paper's form ends with step 10 of iteration n, so that steps 11
+to 16 are run n - 1 times; item (d) counts them n times.
 
-The paper's form ends after n iterations, which give the answer in exact arithmetic only: with
-rounding e is hardly ever zero beyond one joint, and the directions lose their orthogonality, so
-that beyond three joints most states need more. Its output `converged` is always one, and
-pfd_core.dynamics.convergence checks afterwards whether qdd satisfies the equations of motion. Ours
-stops at e <= tolerance^2 e_0; a direction with u't <= 0 ends the iteration. The recursive residual
-that the stop reads is no measure of the error.
+n iterations give the answer in exact arithmetic only: with rounding e is hardly ever zero beyond
+one joint, and the directions lose their orthogonality (docs/report/counts.md has from how many
+joints on this shows). The paper's form has no output that says so; pfd.emulate estimates the error
+of qdd by the equations of motion, which decides the status. Ours stops at e <= tolerance^2 y'y; a
+direction with u't <= 0 ends the iteration. The recursive residual that the stop reads is no
+measure of the error.
 
 Parallel cost of an iteration, rotational joints, L = ceil(log2 n), n > 1: 47 multiplications,
 14 L + 32 additions and 2 divisions; back to step 5 as printed 1 multiplication and L additions
-more. The paper prints 49, divisions among them, and 14 L + 30.
-Before the iteration the paper's form takes 27 L + 151 multiplications and 34 L + 108 additions
-with R_i given, for which it prints 27 L + 124 and 34 L + 87. Our form packs the sums in H u: with
-k iterations at n = 6 it takes 182 + 47 k multiplications, 2 k divisions, 189 + 62 k additions and
-214 + 116 k routes in all; the paper has 499 and 621 for k = 6 and counts no routes.
+more; the last one ends before 3 and L + 2 of these and a division. The paper prints 49, divisions
+among them, and 14 L + 30. Before the iteration the paper's form takes 27 L + 151 multiplications
+and 34 L + 108 additions with R_i given, with twists of 0 and 90 degrees 22 and 17 fewer; it prints
+27 L + 124 and 34 L + 87. Our form packs the sums in H u: with k iterations at n = 6 it takes
+182 + 47 k multiplications, 2 k divisions, 189 + 62 k additions and 214 + 116 k routes in all; the
+paper has 499 and 621 for k = 6 and counts no routes.
 
 Lane i holds link i + 1 and component i + 1 of every vector of n numbers; sums lie on lane 0 and
 are broadcast.

@@ -124,7 +124,8 @@ def emulate(
         As for forward_dynamics.
     method : str
         A name in METHODS or EMULATED_METHODS; 'pcrbm_1987' and 'pcgm_1987' are the paper's
-        procedures step by step.
+        procedures step by step. The paper's counts are without the section 'joint rotation' of
+        `steps_by_section`: it takes R_i as given.
     processors : int, optional
         From 1 to n; default n, or 1 for a serial method. Between 1 and n the program of n
         processors is run, and an instruction on k lanes counts ceil(k / processors) steps. On one

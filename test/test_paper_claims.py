@@ -162,6 +162,7 @@ VERDICT_OF: dict[str, list[tuple[str, ...]]] = {
         ('counted', 'factorisation, a wrong matrix', '3 n - 1'),
     ],
     'not decided': [
+        ('growth', 'divide and conquer', 'log2 n', 'log2 n'),
         *(
             ('counted', f'{name} by the formulas of Table 1', *values)
             for name, *values in (

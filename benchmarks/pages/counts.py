@@ -196,14 +196,14 @@ def _two(ratio: Callable[..., float], over: str, form: str) -> Cell:
 
 SYSTEMS: Columns = {
     'system': lambda x: x['title'] + ', n iterations' * bool(x['iterations']),
-    **shown('processors units multiplications divisions additions square_roots routes'),
-    **shown('unpacked_multiplications unpacked_additions unpacked_routes'),
+    **shown('units multiplications divisions additions square_roots routes'),
+    'with one lane per link': lambda x: ', '.join(
+        str(x[f'unpacked_{kind}']) for kind in ('multiplications', 'additions', 'routes')
+    ),
     'busy': lambda x: f'{x["work"] / arithmetic_of(x) / x["units"]:.0%}',
     'speed-up, alone / with routes': _two(speed_up, 'best', '.2f'),
     'over published counts': _two(speed_up, 'published', '.2f'),
     'over one processor': _two(speed_up, 'own', '.2f'),
-    'efficiency, alone / with routes': _two(efficiency, 'best', '.0%'),
-    'of the same algorithm': _two(efficiency, 'own', '.0%'),
 }
 
 
@@ -225,6 +225,8 @@ def _claims(rows: Iterable[Row], square: Iterable[Row]) -> Iterator[Row]:
     for system, claims in paper.TABLE.items():
         for kind in KINDS:
             claim = claims[kind]
+            if claim['formula'] == '0':
+                continue
             editions = {
                 name: counts[system, name][kind] for name in names if (system, name) in counts
             }

@@ -309,6 +309,15 @@ def orders(system: str, most: str, *parts: str) -> Found:
     )
 
 
+def growth(what: str, *orders: str) -> Found:
+    """Compare the growth of each count of GROWING with an order of ORDERS."""
+    rows = [GROWING[what](n) for n in (4, 8, 16)]
+    growths = np.diff(rows, axis=0).T
+    holds = [ORDERS[order](*pair) for order, pair in zip(orders, growths, strict=True)]
+    counts = ', '.join(map(_joined, rows))
+    return all(holds), f'{what}: {counts} at n = 4, 8 and 16'
+
+
 def formulas_of(*claims: str) -> Found:
     """Compare the growth of the formulas of Table 1 with orders: systems, each with its order."""
     holds, words = True, []

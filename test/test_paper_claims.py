@@ -162,7 +162,6 @@ VERDICT_OF: dict[str, list[tuple[str, ...]]] = {
         ('counted', 'factorisation, a wrong matrix', '3 n - 1'),
     ],
     'not decided': [
-        ('growth', 'divide and conquer', 'log2 n', 'log2 n'),
         *(
             ('counted', f'{name} by the formulas of Table 1', *values)
             for name, *values in (
@@ -294,6 +293,14 @@ def test_a_doubling_of_the_joints_adds_the_same_steps_to_newton_euler(n: int) ->
     )
     more = two - one
     assert (more.multiplications, more.additions, more.divisions) == (27, 33, 0)
+
+
+def test_a_doubling_of_the_joints_adds_the_same_steps_to_articulated_bodies() -> None:
+    # A level of the scan on full pieces, and of each recurrence.
+    counts = [row('articulated_body_doubling', n) for n in (16, 32, 64)]
+    for kind in ('multiplications', 'additions', 'divisions'):
+        one, two, three = (x[f'unpacked_{kind}'] for x in counts)
+        assert three - two == two - one > 0
 
 
 @pytest.mark.parametrize('n', [2, 3, 6])

@@ -589,6 +589,14 @@ def test_a_cache_that_cannot_be_used_is_a_failure(
     assert str(folder) in found.text or not cache
 
 
+def test_a_bare_timer_skips_periods_that_have_passed() -> None:
+    # A loop of 10 kHz for 20 ms; each wake-up is due at a multiple of the period, one or more on.
+    periods = bridge.doctor_bare_timer(1e-4, 0.02)
+    assert 1 <= len(periods) <= 201
+    assert periods.sum() >= 0.02
+    assert (periods > 0).all()
+
+
 @pytest.mark.parametrize(('count', 'busy'), [(985, False), (500, True)])
 def test_a_timer_that_misses_periods_is_a_finding(
     monkeypatch: pytest.MonkeyPatch, count: int, busy: bool

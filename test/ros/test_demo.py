@@ -44,6 +44,15 @@ def test_the_motion_starts_at_rest_and_stays_within_the_limits(name: str) -> Non
     assert (np.ptp(q, axis=0) > 0).all()
 
 
+def test_the_motion_has_the_derivatives_it_states() -> None:
+    motion, step = bridge.demo_motion(pfd.load_robot('puma560')), 1e-5
+    t = np.linspace(0.1, 5, 50)
+    (q0, v0, _), (_, v, a), (q1, v1, _) = (motion.at(t + k * step) for k in (-1, 0, 1))
+    # Differences err by step^2 / 6 times a derivative of third or fourth order, below 1000 here.
+    for low, high, rate in ((q0, q1, v), (v0, v1, a)):
+        np.testing.assert_allclose((high - low) / (2 * step), rate, rtol=0, atol=step**2 / 6e-3)
+
+
 @pytest.mark.parametrize('name', one_fast(pfd.known_robots(), 'planar2'))
 def test_the_disturbances_are_visible_and_the_controller_rejects_them(name: str) -> None:
     robot, seconds, push = pfd.load_robot(name), 2.0, 0.5

@@ -120,7 +120,13 @@ FAULTS: dict[str, tuple[Any, int, dict[str, Any], tuple[Any, ...], str, str]] = 
         *(100, FREE, ('bad', '', 0.041, 2), 'rejected input', 'commands not_finite'),
     ),
     'silence': (
-        {1: [efforts(0.5, 0.2)], 150: [efforts(0.0, 0.0)], 190: [efforts(0.0, 0.0)]},
+        # A rejected command does not count.
+        {
+            1: [efforts(0.5, 0.2)],
+            100: [efforts(1.0)],
+            150: [efforts(0.0, 0.0)],
+            190: [efforts(0.0, 0.0)],
+        },
         *(200, {'command_timeout': 0.05, **FREE}, ('bad', '', 0.052, 1)),
         *('watchdog', 'command_timeout 0.05 s: brake'),
     ),

@@ -776,6 +776,13 @@ def test_joints_of_several_publishers_hold_their_values_between_messages(tmp_pat
     assert "1 joints of the log are not in the model: ['finger']" in found.problems[0]
 
 
+def test_states_are_shown_in_the_order_of_their_stamps(tmp_path: Path) -> None:
+    rows = [state(0.1 * k, stamp=t, position=[t, t]) for k, t in enumerate((1.0, 3.0, 2.0), 1)]
+    found = ShownLog(write_log(tmp_path / 'a.mcap', rows), robot='planar2')
+    assert found.time.tolist() == [0.0, 1.0, 2.0]
+    assert found.position[:, 0].tolist() == [1.0, 2.0, 3.0]
+
+
 def test_joints_with_other_names_are_an_error_and_can_be_renamed(tmp_path: Path) -> None:
     names = ['left_shoulder', 'left_elbow']
     path = write_log(tmp_path / 'a.mcap', [state(0.1 * k, names) for k in range(1, 11)])

@@ -54,16 +54,18 @@ def results() -> str:
 def steps_of_pcrbm() -> str:
     """Return the paragraphs of the paper's guide: steps of PCRBM and how much faster it is."""
     data = _data('counts')
-    rows = counts.with_baselines(data['counts'], data['serial'])
-    at = {
-        (x['system'], x['edition']): x
-        for x in rows
-        if x['n'] == paper.PRINTED_AT and not x.get('twists')
-    }
+
+    def at_six(name: str) -> dict[tuple[str, str], Any]:
+        found = (x for x in data[name] if x['n'] == paper.PRINTED_AT)
+        rows = counts.with_baselines(found, data['serial'])
+        return {(x['system'], x['edition']): x for x in rows}
+
+    at, square = at_six('counts'), at_six('right_angles')['pcrbm', paper.AS_PRINTED]
     printed, corrected, own = (at['pcrbm', edition] for edition in paper.EDITIONS)
     origin = at['pcrbm_base_origin', paper.BEST_KNOWN]
     claims = [paper.TABLE['pcrbm'][kind]['printed'] for kind in paper.KINDS[:2]]
     ratios = {
+        'square': (square, 'published'),
         'executed': (printed, 'published'),
         'right': (corrected, 'published'),
         'best_own': (own, 'best'),
@@ -76,6 +78,7 @@ def steps_of_pcrbm() -> str:
         printed=f'{own["published"] / sum(claims):.2f}',
         published=f'{own["published"]:g}',
         best=own['best'],
+        square_steps=_steps(square),
         as_printed=_steps(printed),
         corrected=_steps(corrected),
         own=_steps(own),

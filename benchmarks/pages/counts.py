@@ -301,7 +301,15 @@ def plots(data: dict[str, Any], folder: Path) -> list[Path]:
                 points = [(x['n'], speed_up(x, over, routed)) for x in own]
                 yield points, {'markersize': 4, 'label': label, **style}
 
-    left = [printed, *lines(OVER_PUBLISHED, 'published')]
+    square = (x for x in data['right_angles'] if x['system'] == 'pcrbm')
+    of_square = {'color': VERMILLION, 'marker': 'o', 'linestyle': ':', 'markersize': 4}
+    of_square['label'] = 'PCRBM, as printed, twists 0/90'
+    points = [
+        (x['n'], speed_up(x, 'published'))
+        for x in with_baselines(square, data['serial'])
+        if x['edition'] == EDITIONS[0]
+    ]
+    left = [printed, (points, of_square), *lines(OVER_PUBLISHED, 'published')]
     right = list(lines(OVER_BEST, 'best'))
     most = max(y for points, _ in (*left, *right) for _, y in points)
     axes = {'xlabel': 'joints, n', 'xticks': sizes[::2], 'xticklabels': sizes[::2]}

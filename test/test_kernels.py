@@ -130,17 +130,6 @@ def test_a_bound_array_is_refused_once_it_is_not_finite(
     np.testing.assert_array_equal(out, kernel(q, qd, tau))
 
 
-def test_a_bound_function_works_after_its_kernel_is_deleted() -> None:
-    q, qd, tau = (x[0] for x in random_states(2, 1))
-    out = np.empty(2)
-    robot = pfd.load_robot('planar2')
-    step = pfd.compile_kernel(robot).bind(q, qd, tau, out)
-    gc.collect()
-    for _ in range(1000):
-        step()
-    np.testing.assert_array_equal(out, pfd.compile_kernel(robot)(q, qd, tau))
-
-
 def test_calls_leave_no_references_behind() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
     q, qd, tau = (x[0] for x in random_states(2, 1))

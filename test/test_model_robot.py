@@ -313,15 +313,6 @@ def test_a_wrong_frame_in_a_file_is_refused_and_named(line: str, message: str) -
         pfd.load_robot(FRAMES_TABLE + line)
 
 
-def test_an_unknown_frame_is_named_with_the_known_frames() -> None:
-    robot = pfd.load_robot(FORK, locked=HELD_FINGERS)
-    known = "'base', 'arm', 'palm', 'left', 'right'"
-    message = f"frame 'flange' is not carried by 'fork'; it carries {known}"
-    for name in ('tip_pose', 'tip_jacobian', 'tip_velocity', 'wrench_torques'):
-        with pytest.raises(ValueError, match=message):
-            pfd.QUANTITIES[name](resolve_plant(robot), 'flange')
-
-
 DRAKE = '<robot xmlns:drake="http://drake.mit.edu" '
 FINGERS = {'left_finger': 0.0, 'right_finger': 0.0}
 

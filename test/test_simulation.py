@@ -10,7 +10,7 @@ from itertools import pairwise
 import math
 from typing import Any
 
-from bridge import STIFF_DECAY, TABLEAUX, fastest_decay, resolve_plant
+from bridge import STIFF_DECAY, TABLEAUX
 import numpy as np
 from oracle import Oracle
 import pinocchio as pin
@@ -147,35 +147,20 @@ INERTIA = 0.025
 
 
 @pytest.mark.sweep
-@pytest.mark.parametrize('substeps', one_fast([1, 3], 3))
+@pytest.mark.parametrize('substeps', [1, 3])
 @pytest.mark.parametrize('integrator', TABLEAUX)
-@pytest.mark.parametrize(
-    ('kp', 'kd', 'radius'),
-    [
-        (40_000.0, 50.0, 1.058),  # kp/kd = 800 > 2/T = 500
-        (10_000.0, 50.0, None),
-        (400.0, 480.0, None),
-        (400.0, 510.0, 1.040),  # kd > 2 I/T
-    ],
-)
+@pytest.mark.parametrize(('kp', 'kd', 'radius'), [(40_000.0, 50.0, 1.058), (400.0, 480.0, None)])
 def test_a_sampled_loop_is_the_closed_form_of_the_hold(
     kp: float, kd: float, radius: float | None, integrator: str, substeps: int
 ) -> None:
     T = 4e-3
-    # One step of I dqd/dt = u, u = -kp q - kd qd of its beginning; gains for 1 kg m^2.
+    # One step of I dqd/dt = u, u = -kp q - kd qd of its beginning; gains for 1 kg m^2. The first
+    # has kp/kd = 800 > 2/T = 500.
     A = np.array([[1 - kp * T**2 / 2, T - kd * T**2 / 2], [-kp * T, 1 - kd * T]])
-    if radius is None:
-        assert np.abs(np.linalg.eigvals(A)).max() < 1
-    else:
-        assert np.abs(np.linalg.eigvals(A)).max() == pytest.approx(radius, abs=5e-4)
-    many = pfd.Ensemble(
-        pfd.load_robot(WHEEL),
-        1,
-        pfd.Scene(gravity=None),
-        step_size=T,
-        substeps=substeps,
-        integrator=integrator,
-    )
+    largest = np.abs(np.linalg.eigvals(A)).max()
+    assert largest < 1 if radius is None else largest == pytest.approx(radius, abs=5e-4)
+    settings = {'step_size': T, 'substeps': substeps, 'integrator': integrator}
+    many = pfd.Ensemble(pfd.load_robot(WHEEL), 1, pfd.Scene(gravity=None), **settings)
     many.reset([1.0])
     run = many.rollout(steps=300, feedback=pfd.Feedback([INERTIA * kp], [INERTIA * kd], [0.0]))
     state = np.array([1.0, 0.0])
@@ -186,7 +171,7 @@ def test_a_sampled_loop_is_the_closed_form_of_the_hold(
 
 # ---- a small velocity of a held joint ---------------------------------------------------------
 
-STATES, SCENES, SMALL = 25, 8, 1e-4
+STATES, SCENES, SMALL = 25, 3, 1e-4
 ARMATURE = np.array([0.8, 4.0, 0.8])
 
 
@@ -520,19 +505,6 @@ def test_a_wheel_is_stiff_from_a_damping_of_its_inertia_over_the_step(kind: str)
     assert integrator(1.01 * border, substeps=3) == 'rk4'
     assert integrator(0.51 * border, step_size=2e-3) == 'imex2'
     assert pfd.Simulator(load, pfd.Scene(damping=[1e9]), integrator='rk4').integrator == 'rk4'
-
-
-@pytest.mark.parametrize('name', one_fast(['planar2', 'puma560', 'ur5', 'panda'], 'ur5'))
-def test_the_fastest_decay_is_hardly_exceeded_in_other_poses(name: str) -> None:
-    robot = pfd.load_robot(name)
-    plant = resolve_plant(robot, pfd.Scene(damping=np.linspace(1.0, 2.0, robot.n)))
-    model, fastest = to_pinocchio(robot), 0.0
-    data = model.createData()
-    for q in np.random.default_rng(1).uniform(-np.pi, np.pi, (500, robot.n)):
-        rates = np.linalg.eigvals(pin.computeMinverse(model, data, q) @ np.diag(plant.damping))
-        fastest = max(fastest, rates.real.max())
-    assert fastest < 1.1 * fastest_decay(plant)
-    assert fastest > 0.9 * fastest_decay(plant)
 
 
 def test_a_joint_settles_into_the_period_of_its_cogging_and_swings_as_its_slope_says() -> None:

@@ -61,20 +61,24 @@ class Decoder:
             self._store.hash_rihs01(self.kind) == type_hash(self.kind)
         )
 
-    def _fields(self, kind: str) -> Iterator[tuple[str, str, int, Value]]:
-        """Yield path, type and rank of each primitive field, and a function with its value."""
+    def _fields(self, kind: str, outer: str = '') -> Iterator[tuple[str, str, int, Value]]:
+        """Yield path, type and rank of each primitive field, and a function with its value.
+
+        `outer` are the attributes of a message before those of the field.
+        """
         described: Any = self._store.fielddefs[kind][1]
         for name, (node, inner) in described:
-            value_of = attrgetter(normalize_fieldname(name))
+            attribute = outer + normalize_fieldname(name)
             many = node in (Nodetype.ARRAY, Nodetype.SEQUENCE)
             if many:
                 node, inner = inner[0]
             if node == Nodetype.NAME:
-                link = _of_each if many else _of_one
-                for path, primitive, rank, nested in self._fields(inner):
-                    yield f'{name}.{path}', primitive, rank + many, link(value_of, nested)
+                nested = self._fields(inner, '' if many else f'{attribute}.')
+                for path, primitive, rank, value in nested:
+                    value_of = _of_each(attrgetter(attribute), value) if many else value
+                    yield f'{name}.{path}', primitive, rank + many, value_of
             elif name != NOTHING:
-                yield name, inner[0], int(many), value_of
+                yield name, inner[0], int(many), attrgetter(attribute)
 
     def decode(self, data: bytes) -> dict[str, Any]:
         """Return the fields of a message by path; ValueError if the bytes are not such a message.
@@ -123,10 +127,6 @@ class Decoder:
                 columns[path].append(value)
         arrays = {path: _stacked(values, *self.paths[path]) for path, values in columns.items()}
         return arrays, np.array(good, np.int64)
-
-
-def _of_one(outer: Value, inner: Value) -> Value:
-    return lambda message: inner(outer(message))
 
 
 def _of_each(outer: Value, inner: Value) -> Value:

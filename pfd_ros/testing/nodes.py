@@ -463,7 +463,8 @@ class NodeLink:
 
     def _settle(self, role: str, stamp_ns: int) -> None:
         """Return when every node has done all that follows from the last message."""
-        self._drain()
+        if self._nodes:
+            self._drain()
         # A chain of nodes needs a barrier for each node elsewhere, and as many again if nodes of
         # this process are between them.
         for _ in range(len(self._peers) * (2 if self._nodes else 1)):
@@ -486,7 +487,8 @@ class NodeLink:
                         f'within {self._patience:g} s {self._where()}: '
                         f'{follows if peer.reads else "it blocks or is gone"}{self._outputs()}'
                     )
-        self._drain()
+        if self._nodes:
+            self._drain()
 
     def _drain(self) -> None:
         """Run nodes of this process until nothing is ready, and take the commands."""

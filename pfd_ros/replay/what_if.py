@@ -332,8 +332,6 @@ def _engine(case: _Case, settings: Settings) -> Engine:
     roles |= {STATES, *settings.outputs, *(frames.roles if frames is not None else ())}
     roles |= {events.TIP_WRENCH} if settings.external_wrench else set()
     roles |= {events.CLOCK} if settings.publish_clock else set()
-    if not settings.follows_clock and events.CLOCK_TICKS not in case.topics:
-        roles.discard(events.CLOCK_TICKS)
     return Engine(settings, case.robot, roles, frames)
 
 

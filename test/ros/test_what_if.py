@@ -195,6 +195,11 @@ def test_sensors_of_another_seed_change_what_is_measured_alone(tmp_path: Path) -
     assert {len(curve[0]) for curve in found.curves.values()} == {found.states}
 
 
+def test_an_arm_that_follows_a_clock_has_the_times_of_its_ticks(tmp_path: Path) -> None:
+    found = what_if(following(tmp_path / 'a.mcap'), ['start_time=4'])
+    assert {(item.largest, item.first_at) for item in found.divergences} == {(0.0, None)}
+
+
 def test_longer_steps_end_between_recorded_states(tmp_path: Path) -> None:
     slow = {k: [efforts(math.sin(0.02 * k), 0.0)] for k in range(1, 401)}
     simulate(tmp_path / 'a.mcap', 400, slow)

@@ -183,14 +183,15 @@ def total(system: str, *formulas: str) -> Found:
     parts = [('pcrbm', '(d)', 1)]
     if x['iterations']:
         parts = [('pcgm', '(b), step 3', 1), ('pcgm', '(b), step 7', x['iterations'])]
-    found = [x[kind] for kind in KINDS[:2]]
+    skew = paper.row(system, N, AS_PRINTED)
+    found, others = ([y[kind] for kind in KINDS[:2]] for y in (x, skew))
     granted = [
         count + sum(times * _granted(owner, item, kind) for owner, item, times in parts)
         for count, kind in zip(found, KINDS, strict=False)
     ]
     return claims in (found, granted), (
         f'{system} as printed, n = 6: {_joined(found)}, with NE1 as the paper counts it '
-        f'{_joined(granted)}; claimed {_joined(claims)}'
+        f'{_joined(granted)}, with skew axes {_joined(others)}; claimed {_joined(claims)}'
     )
 
 

@@ -33,8 +33,8 @@ from pfd_core.paper.editions import AS_PRINTED
 # mpmath computes with more digits, but for hours.
 MOST_DIGITS = 10_000
 # An answer whose error is estimated as more than so many roundings, times the condition of H, is
-# not right. Answers that have converged keep below 120, those of n iterations spread evenly over
-# all orders up to 1e14 (docs/report/counts.md, 372 chains).
+# not right. Those that have converged keep far below, those of n iterations are spread over all
+# orders up to 1e14 (docs/report/counts.md, 372 chains).
 ROUNDINGS = 250.0
 
 

@@ -237,17 +237,7 @@ def changed(old: str, new: str) -> str:
 
 
 NO_NUMBERS = (
-    '',
-    'nan',
-    '1_0',
-    '\u0664',
-    '0x10',
-    '1,5',
-    '1 2',
-    '4.0kg',
-    '1e400',
-    '1e101',
-    '1e-400',
+    *('', 'nan', '1_0', '\u0664', '0x10', '1,5', '1 2', '4.0kg', '1e400', '1e101', '1e-400'),
 )
 # Where a number is, with %s in its place, and the words by which an error names it.
 PLACES = {

@@ -189,6 +189,18 @@ def test_step_4_as_printed_gives_the_answer_plus_the_estimate() -> None:
         assert error(run_program(program, given, digits=50)['qdd'], wanted) < 1e-30
 
 
+def test_conjugate_gradients_that_start_at_the_answer_end_at_once() -> None:
+    # They stop by |tau - b|: by the residual of the start they would go on to its rounding.
+    robot = uniform_chain(6)
+    program = FORWARD_METHODS['pcgm'](resolve_plant(robot), 'parallel', start=True)
+    for seed in range(5):
+        q, qd, tau = random_state(np.random.default_rng(seed), 6)
+        given = {'q': q, 'qd': qd, 'tau': tau}
+        answer = Oracle(robot).qdd(q, qd, tau)
+        assert run_program(program, given | {'start': answer})['iterations'] <= 2
+        assert run_program(program, given | {'start': 0 * answer})['iterations'] > 4
+
+
 # ---- counts: closed forms, by hand from the equations ----------------------------------------
 
 
@@ -419,3 +431,19 @@ def test_a_singular_matrix_has_no_error_and_is_no_answer() -> None:
     light = replace(robot, masses=np.zeros(2), inertias=np.zeros((2, 3, 3)))
     run = pfd.emulate(light, *np.ones((3, 2)), method='pcgm')
     assert (run.status, run.error) == ('not_converged', np.inf)
+
+
+def test_a_braked_joint_that_nothing_moves_leaves_the_answer_right() -> None:
+    robot = uniform_chain(3)
+    masses, inertias = robot.masses.copy(), robot.inertias.copy()
+    masses[2], inertias[2] = 0.0, 0.0
+    robot = replace(robot, masses=masses, inertias=inertias)
+    run = pfd.emulate(
+        robot,
+        *np.ones((3, 3)),
+        method='pcgm',
+        scene=pfd.Scene(brakes=True),
+        brakes=[False, False, True],
+    )
+    assert run.status == 'ok'
+    assert run.error < 1e-12

@@ -399,6 +399,20 @@ def test_a_motion_that_stability_cuts_into_too_many_steps_is_too_stiff() -> None
 # ---- laws, interrupts, pieces, processors -----------------------------------------------------
 
 
+def test_an_exception_of_a_law_ends_the_run_and_is_passed_on() -> None:
+    calls = []
+
+    def law(t: float, q: Array, qd: Array) -> Array:
+        calls.append(t)
+        if t > 0.5:
+            raise ZeroDivisionError('as planned')
+        return np.zeros(2)
+
+    with pytest.raises(ZeroDivisionError, match='as planned'):
+        pfd.integrate(pfd.load_robot('planar2'), law, 1.0)
+    assert sum(t > 0.5 for t in calls) == 1
+
+
 @pytest.mark.parametrize('law', [False, True])
 def test_the_length_of_the_pieces_does_not_change_a_bit(
     law: bool, monkeypatch: pytest.MonkeyPatch

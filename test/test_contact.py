@@ -187,6 +187,10 @@ def test_an_ensemble_reports_for_each_arm_why_it_failed() -> None:
     assert arms.statuses.tolist() == ['ok', 'too_many_events', 'not_finite', 'ok']
     arms.reset([5e-8], [1e-3])
     assert arms.statuses.tolist() == ['ok'] * 4
+    arm = pfd.Simulator(slider(1, 0, 0.5), scene, step_size=STEP, substeps=1)
+    arm.reset([5e-8], [10.0])
+    run = arm.rollout(np.zeros((3, 1)))
+    assert (run.status, run.finite_steps, arm.status) == ('too_many_events', 0, 'too_many_events')
     bare = pfd.Ensemble(slider(1, 0), 2, pfd.Scene(gravity=None))
     bare.reset([0.0], [[0.0], [np.finfo(float).max]])
     bare.rollout(np.full((2, 3, 1), [[[0.0]], [[np.finfo(float).max]]]))

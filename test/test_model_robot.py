@@ -586,6 +586,11 @@ def test_missing_and_wrong_files_are_named(tmp_path: Path) -> None:
         pfd.load_robot(tmp_path / 'arm.urdf')
     with pytest.raises(ValueError, match=r"no robot file 'arm\.yaml'"):
         pfd.load_robot('arm.yaml')
+    known = re.escape(', '.join(pfd.known_robots()))
+    with pytest.raises(ValueError, match=f"unknown robot 'puma': known are {known}"):
+        pfd.load_robot('puma')
+    with pytest.raises(ValueError, match="tip='wrist' cannot be chosen for 'ur5'"):
+        pfd.load_robot('ur5', tip='wrist')
     (tmp_path / 'arm.txt').write_text('robot: x')
     with pytest.raises(ValueError, match=r'must end in \.urdf'):
         pfd.load_robot(tmp_path / 'arm.txt')

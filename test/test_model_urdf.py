@@ -411,6 +411,20 @@ def test_names_of_other_tools_are_no_misspelt_ones() -> None:
         assert pfd.load_robot(NAMED).friction.tolist() == [0.5]
 
 
+def test_unexpanded_xacro_is_an_error_with_the_command_to_run() -> None:
+    text = NAMED.replace('<link name="base"/>', '<xacro:arm/><link name="base"/>')
+    with pytest.raises(ValueError, match=r'<xacro:arm>, which is not expanded: load the \.xacro'):
+        pfd.load_robot(text)
+
+
+def test_a_joint_without_limits_is_unlimited_and_warned_of() -> None:
+    limit = '<limit lower="-1" upper="1.5" velocity="2" effort="60"/>'
+    with pytest.warns(pfd.PhysicsWarning, match="joint 'j1' is "):
+        robot = pfd.load_robot(changed(limit, ''))
+    for key in ('position_upper', 'velocity_limit', 'effort_limit'):
+        assert getattr(robot, key)[0] == -robot.position_lower[0] == np.inf
+
+
 def test_misspelt_names_are_named_in_one_warning_at_the_line_that_loads() -> None:
     text = NAMED.replace(' friction=', ' Friction=').replace('transmission', 'transmision')
     with pytest.warns(pfd.PhysicsWarning) as found:

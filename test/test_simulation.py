@@ -61,6 +61,10 @@ def test_steps_and_rollout_give_the_same_bits(integrator: str, dtype: str) -> No
     np.testing.assert_array_equal(one.q, other.q)
     assert trajectory.status == one.status == 'ok'
     assert trajectory.finite_steps == 50
+    # Time is no sum, which would drift.
+    assert one.time == 50 * one.step_size
+    one.reset(q=np.arange(6) / 8, time=2.0)
+    assert (one.q.tolist(), one.qd.any(), one.time) == ([k / 8 for k in range(6)], False, 2.0)
 
 
 @pytest.mark.parametrize(('integrator', 'q0', 'seconds', 'most'), ENERGY_DRIFT)

@@ -306,17 +306,6 @@ def test_remappings_and_parameters_count_before_the_ros2_control(
     peer.wait(lambda: peer.states[-1].effort.tolist() == [2.0, 3.0, 0.0, 0.0])
 
 
-def test_a_robot_from_elsewhere_is_published_as_urdf(processes: Processes, peer_of) -> None:
-    from std_msgs.msg import String
-
-    processes.arm('-p', 'robot:=planar2', '-p', 'publish_description:=true')
-    peer = peer_of(processes)
-    texts: list[String] = []
-    peer.node.create_subscription(String, 'robot_description', texts.append, latched())
-    peer.wait(lambda: texts and peer.states)
-    assert pfd.load_robot(texts[0].data).joint_names == tuple(peer.states[0].name)
-
-
 def test_the_reported_energy_excludes_gravity_compensation() -> None:
     from bridge import Engine, MassKernels, Settings
 

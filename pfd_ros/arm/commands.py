@@ -46,7 +46,8 @@ def array(arm: Arm, data: bytes) -> Change:
     efforts = decode_floats(data)
     if len(efforts) != len(arm.names):
         raise RefusedError('wrong_size', f'{len(efforts)} numbers for {len(arm.names)} joints')
-    _check_numbers('not_finite', 'effort', arm.names, efforts)
+    if not math.isfinite(sum(efforts.tolist())):
+        _refuse('not_finite', 'effort', arm.names, efforts, ~np.isfinite(efforts))
     if arm.state.tripped:
         raise RefusedError('refused', arm.state.tripped)
     return command, (arm.all_joints, efforts)
@@ -187,13 +188,15 @@ def _overwritten(arm: Arm, joints: Any) -> Remarks:
     return (Verdict(OVERWRITTEN, text),) if len(again) else ()
 
 
-def _check_numbers(label: str, kind: str, names: Sequence[str], values: NDArray[Any]) -> None:
-    """Refuse numbers that are infinite, or with the label 'not_finite' NaN as well."""
-    # The terms of a finite sum are finite; for a few joints faster than NumPy.
-    if not math.isfinite(sum(values.tolist())):
-        wrong = np.isinf(values) if label == 'infinite' else ~np.isfinite(values)
-        for k in np.flatnonzero(wrong).tolist():
-            raise RefusedError(label, f'{kind} of joint {cut(names[k])!r} is {values[k]}')
+def _refuse(
+    label: str, kind: str, names: Sequence[str], values: NDArray[Any], wrong: NDArray[Any]
+) -> None:
+    """Refuse the first of the wrong numbers, if there are any: a finite sum has none.
+
+    For a few joints the sum is faster than NumPy.
+    """
+    for k in np.flatnonzero(wrong).tolist():
+        raise RefusedError(label, f'{kind} of joint {cut(names[k])!r} is {values[k]}')
 
 
 def check_joints(joints: Joints, since_ns: int | None = None) -> None:
@@ -206,7 +209,8 @@ def check_joints(joints: Joints, since_ns: int | None = None) -> None:
         values = getattr(joints, kind)
         if len(values) not in (0, len(names)):
             raise RefusedError('ragged', f'{len(names)} names and {len(values)} numbers in {kind}')
-        _check_numbers('infinite', kind, names, values)
+        if not math.isfinite(sum(values.tolist())):
+            _refuse('infinite', kind, names, values, np.isinf(values))
     if since_ns is not None and 0 != joints.stamp_ns < since_ns:
         raise RefusedError('stale', f'stamp {joints.stamp_ns} ns, expected {since_ns} ns or later')
     if len(set(names)) < len(names):

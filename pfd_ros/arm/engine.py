@@ -158,7 +158,7 @@ class Engine(Arm):
         if self.lockstep and role in events.COMMANDS and verdict.label in events.ANSWERS:
             state.commanded |= verdict.accepted
             state.waits = False
-        if not verdict.accepted:
+        if verdict is not ACCEPTED and not verdict.accepted:
             self._add_refused(role, data, verdict, messages, changed=state.waits != waited)
         elif role in self._inputs:
             messages.append(Message(role, data, state.cycle + 1))

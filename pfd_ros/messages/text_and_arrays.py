@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import math
+import struct
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from pfd_ros.messages.cdr import HEADER, Encoder, Reader, Writer
 
-# The beginning of a Float64MultiArray without a layout, and the place of its first number.
-_NO_LAYOUT, _PADDING, _FIRST_NUMBER = HEADER + bytes(8), bytes(4), 20
+# The beginning of a Float64MultiArray without a layout; with its count, up to its numbers.
+_NO_LAYOUT, _HEAD = HEADER + bytes(8), struct.Struct('<12sI4x')
+_FIRST_NUMBER = _HEAD.size
 
 
 def encode_string(text: str) -> bytes:
@@ -49,8 +51,9 @@ def decode_floats(data: bytes) -> NDArray[Any]:
 def encode_floats(values: ArrayLike) -> bytes:
     """Return a Float64MultiArray of numbers (count,), without a layout."""
     numbers = np.asarray(values, '<f8')
-    head = _NO_LAYOUT + numbers.size.to_bytes(4, 'little')
-    return (head + _PADDING if numbers.size else head) + numbers.tobytes()
+    if not numbers.size:
+        return _NO_LAYOUT + bytes(4)
+    return _HEAD.pack(_NO_LAYOUT, numbers.size) + numbers.tobytes()
 
 
 def array_encoder(layout: Sequence[tuple[str, Sequence[str]]]) -> Encoder:

@@ -120,6 +120,22 @@ def test_an_instruction_serves_as_many_lanes_as_there_are_processors() -> None:
         assert program.count(processors) == pfd.Steps(*[steps] * 4)
 
 
+def test_programs_print_one_instruction_a_line() -> None:
+    recorder = Recorder(3)
+    x = recorder.input('x', [0, 1, 2])
+    with recorder.section('squares'):
+        y = on_lane(x, [1, 2]) * x + 0.5
+    recorder.output('y', (2,), [(y, 1), (y, 2)])
+    assert str(recorder.program()).splitlines() == [
+        "%0 = input (('x' 0) ('x' 1) ('x' 2))".replace("'", ''),
+        '; squares',
+        '%1 = mul %0 %0 on 1,2',
+        '%2 = constant (0.5 0.5 0.5)',
+        '%3 = add %1 %2 on 1,2',
+        'output y[2] = %3.1 %3.2',
+    ]
+
+
 def test_zeros_and_ones_are_known_while_recording() -> None:
     recorder = Recorder(1)
     x = recorder.input('x', [0])
@@ -177,6 +193,24 @@ def test_a_loop_ends_when_its_number_falls_to_zero(schedule: str) -> None:
     np.testing.assert_allclose(y[:4], np.sqrt(q), rtol=1e-15)
     np.testing.assert_allclose(y[:4], x, rtol=1e-15)
     assert y[4] == iterations
+
+
+def test_an_observer_sees_the_state_before_the_loop_and_after_each_iteration() -> None:
+    q = np.array([[2.0, 9.0], [1.0, 1.0]])
+    seen: list[np.ndarray] = []
+    result = run_program(
+        roots(2, 'parallel'), {'q': q}, observe=lambda rows: seen.append(rows[0].T)
+    )
+    iterations = result['y'][:, -1]
+    assert len(seen) == iterations.max() + 1
+    np.testing.assert_array_equal(seen[0], q)
+    for state, count in enumerate(iterations):
+        # A finished problem keeps its state while the other continues.
+        np.testing.assert_array_equal(seen[int(count)][state], seen[-1][state])
+        x = q[state]
+        for row in seen[1 : int(count) + 1]:
+            x = 0.5 * (x + q[state] / x)
+            np.testing.assert_array_equal(row[state], x)
 
 
 # ---- the fused multiply-add ----

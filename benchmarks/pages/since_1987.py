@@ -46,9 +46,13 @@ SYSTEMS = {
     'pcrbm_array': ('pcrbm_array',),
     'pcgm': ('pcgm',),
     'divide_and_conquer': ('divide_and_conquer',),
+    'articulated_body_doubling': ('articulated_body_doubling',),
     'constraint_forces': ('constraint_forces',),
 }
-NAMES = ('one processor', 'PCRBM', 'array', 'PCGM', 'divide and conquer', 'constraint forces')
+NAMES = (
+    *('one processor', 'PCRBM', 'array', 'PCGM'),
+    *('divide and conquer', 'articulated bodies', 'constraint forces'),
+)
 SHORT = dict(zip(SYSTEMS, NAMES, strict=True))
 SHORT_TITLES = SHORT | {'pcrbm_base_origin': 'PCRBM about the base origin'}
 PACKED, UNPACKED = 'packed', 'one lane per link'

@@ -259,7 +259,6 @@ def row(
         'system': method,
         'title': title_of(method, edition),
         'edition': edition,
-        'right_angles': right_angles,
         'n': n,
         'iterations': times,
         'processors': lanes,

@@ -27,17 +27,10 @@ COUNTED = (*METHODS, 'constraint_forces')
 def measure(quick: bool) -> dict[str, Any]:
     """Count every system, and iterations; quick is six joints only."""
     sizes = (PRINTED_AT,) if quick else SIZES
-    systems: list[tuple[Any, ...]] = [
-        (x, n, edition) for n in sizes for x in COUNTED for edition in paper.editions_of(x)
-    ]
-    systems += [
-        (x, n, edition, None, None, True)
-        for n in sizes
-        for x in paper.PROCEDURES
-        for edition in EDITIONS[:2]
-    ]
-    found = each(_row, systems, 'counting steps', lambda key: key[1])
-    counts = [x for x in found if not x['right_angles']]
+    systems = [(x, n, edition) for n in sizes for x in COUNTED for edition in paper.editions_of(x)]
+    square = [(x, n, edition) for n in sizes for x in paper.PROCEDURES for edition in EDITIONS[:2]]
+    counts = each(_row, systems, 'counting steps', lambda key: key[1])
+    squares = each(_square_row, square, 'counting steps of right angles', lambda key: key[1])
     studied = [n for n in conjugate.SIZES if n in sizes]
     reached = each(conjugate.reached_by, studied, 'iterations of PCGM', int)
     # In a quick run the chains of five and six joints, of which some converge and some do not.
@@ -45,7 +38,7 @@ def measure(quick: bool) -> dict[str, Any]:
     statuses = each(conjugate.statuses_of, chains, 'statuses of PCGM', lambda chain: chain[0])
     return {
         'counts': counts,
-        'right_angles': [x for x in found if x['right_angles']],
+        'right_angles': squares,
         'serial': [best_serial(counts, n) for n in sizes],
         'parts': list(counted_parts(PRINTED_AT)),
         'reached': [row for rows in reached for row in rows],
@@ -55,6 +48,10 @@ def measure(quick: bool) -> dict[str, Any]:
 
 def _row(key: tuple[Any, ...]) -> dict[str, Any]:
     return paper.row(*key)
+
+
+def _square_row(key: tuple[str, int, str]) -> dict[str, Any]:
+    return paper.row(*key, right_angles=True)
 
 
 def best_serial(counts: Iterable[Row], n: int) -> dict[str, Any]:

@@ -272,6 +272,7 @@ OVER_BEST: tuple[tuple[str, str, bool, dict[str, Any]], ...] = (
     ('pcrbm', EDITIONS[2], False, {'color': GREEN, 'marker': '^'}),
     ('pcrbm', EDITIONS[2], True, {'color': GREEN, 'marker': '^', **ROUTED}),
     ('pcrbm_array', EDITIONS[2], True, {'color': PURPLE, 'marker': 'D', **ROUTED}),
+    ('articulated_body_doubling', EDITIONS[2], False, {'color': ORANGE, 'marker': 'v'}),
     ('articulated_body_doubling', EDITIONS[2], True, {'color': ORANGE, 'marker': 'v', **ROUTED}),
     ('divide_and_conquer', EDITIONS[2], True, {'color': SKY, 'marker': 'P', **ROUTED}),
     ('constraint_forces', EDITIONS[2], True, {'color': GREY, 'marker': 'X', **ROUTED}),

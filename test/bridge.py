@@ -146,7 +146,6 @@ NAMES = {
     # pfd_core.simulation: integrators, stiffness, ensembles
     'TABLEAUX': 'pfd_core.simulation.tableaux:TABLEAUX',
     'STIFF_DECAY': 'pfd_core.simulation.stiffness:STIFF',
-    'fastest_decay': 'pfd_core.simulation.stiffness:fastest_decay',
     # benchmarks: robots of its cases
     'report_robot': 'benchmarks.cases.robots:robot',
     # pfd_ros.messages: bytes of ROS 2 messages -> arrays and back

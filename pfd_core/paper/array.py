@@ -37,9 +37,7 @@ the description. Column i gets h_ii ... h_ni and the flag * from below, from cyc
 gets h_(k+1)k ... h_nk, h_kk from the left, from cycle 2k. A cell keeps the first item that comes
 from below, h_ki, and sends the others on. The times of the paper follow: h_n1 is stored at 2n - 1,
 h_nn and the flag meet in P_n1 at 2n, the last result leaves at 3n - 1. (That all input is stored
-after 2n - 1 cycles holds for column 1 only; h_nn is stored in P_nn at 3n - 2.) Misprints of
-Figure 2: the square cell's second result is C_out, not u_out; its condition u_in = h_ki compares
-numbers, and an equal element further down the stream would be kept too; here it means the first.
+after 2n - 1 cycles holds for column 1 only; h_nn is stored in P_nn at 3n - 2.)
 
 Cost of the whole solve, all cells together: (n^3 - n)/6 + n(n - 1) multiplications and as many
 additions, n(n - 1)/2 + 2n divisions, n square roots. A cell multiplies and subtracts, divides

@@ -16,11 +16,9 @@ of PUMA 560, UR5 and Panda. Were each h_ki replaced by l_ki as soon as that is k
 would be Cholesky's, column after column; the products could then not be formed first.
 pfd_core.paper.solve has correct ones.
 
-Misprints. Procedure: the sum as printed runs over j from 1 to i - 1, and over k from i; Step 4
-of the factorisation must leave out k = 1. Appendix C: S_42^(2) is S_42^(4), the a_32^(1) in the
-sums of S_33 is a_33^(1), NS is NA, S_32^(1,0) is a_32^(1,0), and the sets left for the last
-iteration are S_44 and S_22. Left open in the paper: sets of the same length keep the order
-they have, at first decreasing i, then k; so Appendix C comes out set by set.
+Misprints of the procedure and of Appendix C are in docs/report/claims.md. Left open in the paper:
+sets of the same length keep the order they have, at first decreasing i, then k; so Appendix C
+comes out set by set.
 
 Parallel cost: ceil((n^2 - 1)/6) multiplications and as many additions, ceil((n - 1)/2)
 divisions and one square root on n lanes. The paper counts n(n - 1)/2 additions in its text and

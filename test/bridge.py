@@ -37,6 +37,8 @@ NAMES = {
     'NetworkHop': 'pfd_core.paper.networks:Hop',
     'NETWORKS': 'pfd_core.paper.networks:NETWORKS',
     'NetworkError': 'pfd_core.paper.networks:NetworkError',
+    'doubling_plan': 'pfd_core.paper.articulated_doubling:plan',
+    'joined_links': 'pfd_core.paper.articulated_doubling:joined_links',
     'carry_messages': 'pfd_core.paper.networks:carry',
     'network_carrier': 'pfd_core.paper.networks:carrier',
     'network_steps': 'pfd_core.paper.networks:steps',

@@ -127,7 +127,7 @@ def record_articulated_body_doubling(plant: Plant, schedule: str) -> Program:
     with recorder.section('link constants'):
         inertia, X = _links(chain)
     with recorder.section('joint rotation'):
-        joint = joint_motion(chain, input_row(recorder, 'q')).before() if n > 1 else None
+        joint = joint_motion(chain, input_row(recorder, 'q')) if n > 1 else None
     with recorder.section('single links'):
         D, own = inertia[T, T], inertia[:m, T]
         if chain.rotors is not None:
@@ -136,13 +136,13 @@ def record_articulated_body_doubling(plant: Plant, schedule: str) -> Program:
             D = where(free, D, math.inf)
         if joint is None:
             return program_with_outputs(recorder, qdd=y / D, pivots=D)
-        X = joint.across(X, back=True)
+        X = joint.before().across(X, back=True)
         u, X, t = X[:m, T], X[:m, :m], X[T]
         pieces = _single_links(inertia, X, u, D, without, m)
-    Q = _inertias(pieces, _plan(recorder, joined_links(plant.robot, light_links(plant, LIGHT))))
+    Q = _inertias(pieces, plan(recorder, joined_links(plant.robot, light_links(plant, LIGHT))))
     with recorder.section('articulated bodies'):
         # I S and its share along S of the articulated body, from the link beyond it.
-        Qu = shift(Q, -1) @ u
+        Qu = symmetric_matrix(shift(Q, -1)) @ u
         U, d = merge(own + X.T @ Qu, _lifted(recorder, own)), merge(D + u @ Qu, D)
         inverse = 1.0 / d
         g = inverse * U
@@ -152,7 +152,7 @@ def record_articulated_body_doubling(plant: Plant, schedule: str) -> Program:
         beyond = shift(y, -1)
         if m == 5:
             f = merge(f + (t[:5] - t[T] * g) * beyond, f)
-        steps = _plan(recorder, {})
+        steps = plan(recorder, {})
         f, passages = _inward(steps, passed, array(on(f, range(1, n))))
         felt = u @ shift(f, -1)
         if m == 5:
@@ -239,7 +239,7 @@ def _single_links(
 # The steps of the doubling.
 
 
-def _plan(recorder: Recorder, groups: Mapping[int, int]) -> list[Step]:
+def plan(recorder: Recorder, groups: Mapping[int, int]) -> list[Step]:
     """
     Return the steps that make the pieces of all links but the first reach the tip.
 
@@ -282,7 +282,7 @@ def _plan(recorder: Recorder, groups: Mapping[int, int]) -> list[Step]:
 
 
 def _inertias(pieces: Pieces, steps: Sequence[Step]) -> LaneArray:
-    """Return J, (m, m), of the pieces from each link but the first to the tip."""
+    """Return the elements of J of the pieces from each link but the first to the tip."""
     before: list[Pieces] = []
     for step in steps:
         with recorder_of(pieces).section('joining' if step.single else 'doubling'):
@@ -291,7 +291,7 @@ def _inertias(pieces: Pieces, steps: Sequence[Step]) -> LaneArray:
             before.append(pieces)
             one = pieces if step.of is None else before[step.of]._replace(J=pieces.J)
             pieces = _joined(one, step)
-    return symmetric_matrix(pieces.J)
+    return pieces.J
 
 
 def _with_compliance(pieces: Pieces) -> Pieces:

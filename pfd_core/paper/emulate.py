@@ -55,9 +55,9 @@ class Run:
         Share of the processors' arithmetic steps that did useful work, 0 to 1; cells of the
         triangular array count as processors.
     error : float
-        Estimate of the relative error of qdd, of a batch the largest: max|H^-1 r| over the
-        largest of |qdd| and |H^-1 tau|, where r is the torque that qdd misses. Infinite where r is
-        not finite.
+        Estimate of the relative error of qdd, of a batch the largest: `max|H^-1 r|` over the
+        largest of `|qdd|` and `|H^-1 tau|`, where r is the torque that qdd misses. Infinite where
+        r is not finite.
     status : str
         'ok'; 'not_positive_definite' if a pivot of H was not above zero; 'not_converged' if an
         iterative method ran into its limit, or `error` is above ROUNDINGS units of rounding times

@@ -35,8 +35,8 @@ from pfd_core.paper.array import (
     MULTIPLY,
     SECTION,
     STREAMS,
-    factor,
     literal_array,
+    pipeline,
     solve_cycles,
     solve_steps,
     stream_steps,
@@ -184,7 +184,8 @@ def beside_the_array(
 def _factorisation(one: Recording) -> Trace:
     """Return a run of the array that factors, while n processors substitute."""
     # Its actions depend on n alone.
-    return (literal_array if one.edition == AS_PRINTED else factor)(np.eye(one.n)).trace
+    H = np.eye(one.n)
+    return (literal_array(H) if one.edition == AS_PRINTED else pipeline([H])[0]).trace
 
 
 def time_of(

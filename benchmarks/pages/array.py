@@ -27,7 +27,6 @@ from pfd_core.paper.array import (
     MULTIPLY,
     ROOT,
     STORE,
-    factor,
     literal_array,
     pipeline,
     solve,
@@ -39,8 +38,8 @@ FIGURE = 4  # rows of the array as in Figure 1
 PRINTED, CORRECTED = 'as printed', 'corrected'
 RUNS: dict[str, Callable[[int], Trace]] = {
     PRINTED: lambda n: literal_array(np.eye(n)).trace,
-    CORRECTED: lambda n: factor(np.eye(n)).trace,
-    'forward': lambda n: factor(np.eye(n), np.ones(n)).trace,
+    CORRECTED: lambda n: pipeline([np.eye(n)])[0].trace,
+    'forward': lambda n: pipeline([np.eye(n)], [np.ones(n)])[0].trace,
     'solve': lambda n: solve(np.eye(n), np.ones(n)).trace,
     'pipeline': lambda n: pipeline([np.eye(n)] * 5)[0].trace,
 }

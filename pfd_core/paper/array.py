@@ -50,12 +50,11 @@ records a program. There lane 0 holds every number of the array.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from pfd_core.dynamics.interface import program_with_outputs
 from pfd_core.machine.lanes import merge, on, sqrt, where
@@ -209,8 +208,7 @@ def clock(problems: Sequence[Problem], interval: int | None = None, turn: bool =
 # On numbers.
 
 
-@dataclass(frozen=True)
-class Factors:
+class Factors(NamedTuple):
     """Factors of a matrix, and the solution."""
 
     L: NDArray[Any]  # (n, n), lower triangle; NaN where a root or a quotient does not exist
@@ -223,19 +221,9 @@ class Factors:
     trace: Trace  # record of the run
 
 
-def factor(H: ArrayLike, y: ArrayLike | None = None) -> Factors:
-    """Factor a matrix on the array, with the forward substitution of y; see `pipeline`."""
-    return pipeline([H], None if y is None else [y])[0]
-
-
-def solve(H: ArrayLike, y: ArrayLike) -> Factors:
-    """Solve H x = y on the array; see `pipeline`."""
-    return pipeline([H], [y], turn=True)[0]
-
-
 def pipeline(
-    matrices: Sequence[ArrayLike],
-    right_sides: Sequence[ArrayLike] | None = None,
+    matrices: Sequence[NDArray[Any]],
+    right_sides: Sequence[NDArray[Any]] | None = None,
     interval: int | None = None,
     turn: bool = False,
 ) -> list[Factors]:
@@ -244,68 +232,43 @@ def pipeline(
 
     Parameters
     ----------
-    matrices : sequence of array_like
+    matrices : sequence of numpy.ndarray
         (n, n) each, symmetric, of floats or mpmath numbers; the lower triangle is read.
-    right_sides : sequence of array_like, optional
-        (n,) each, one for each matrix.
+    right_sides : sequence of numpy.ndarray, optional
+        (n,) each, one for each matrix: with the forward substitution.
     interval, turn
         As for `clock`.
 
-    Raises
-    ------
-    ValueError
-        If an argument has the wrong shape or is not finite, or the interval is too short.
-
     """
-    if not len(matrices):
-        raise ValueError('expected at least one matrix, got none')
-    checked = [_finite('H', H, np.shape(H)[:1] * 2) for H in matrices]
-    n, dtype = len(checked[0]), checked[0].dtype
-    if {len(H) for H in checked} != {n}:
-        raise ValueError(f'matrices must have one size, got {[len(H) for H in checked]}')
-    problems = [[[*H[k:, k]] for k in range(n)] for H in checked]
-    if right_sides is not None:
-        if len(right_sides) != len(checked):
-            raise ValueError(
-                f'expected {len(checked)} right-hand sides, one a matrix, got {len(right_sides)}'
-            )
-        for problem, y in zip(problems, right_sides, strict=True):
-            for row, value in zip(problem, _finite('y', y, (n,)), strict=True):
-                row.append(value)
+    n, dtype = len(matrices[0]), matrices[0].dtype
+    problems = [[[*H[k:, k]] for k in range(n)] for H in matrices]
+    for problem, y in zip(problems, right_sides or (), strict=right_sides is not None):
+        for row, value in zip(problem, y, strict=True):
+            row.append(value)
     with np.errstate(all='ignore'):
         trace = clock(problems, interval, turn)
     found = []
-    for p in range(len(problems)):
-        L, (z, x) = np.zeros((n, n), dtype), np.empty((2, n), dtype)
-        for k, stream in enumerate(problems[p]):
-            items = trace.leaving((k + 1, k + 1), 'right')[p * len(stream) :][: len(stream)]
+    for p, problem in enumerate(problems):
+        L, z, x = np.zeros((n, n), dtype), np.empty(n, dtype), np.empty(n, dtype)
+        for k, stream in enumerate(problem):
+            items = trace.sent((k + 1, k + 1), 'right')[p * len(stream) :][: len(stream)]
             L[k:, k] = [item.value for item in items[: n - k]]
             z[k] = items[-1].value
             if turn:
-                x[k] = trace.leaving((k + 1, 1), 'left')[0].value
+                x[k] = trace.sent((k + 1, 1), 'left')[0].value
         sound = np.isfinite(np.diag(L).astype(np.float64)).all()
         status = 'ok' if sound else 'not_positive_definite'
-        forward = z if right_sides is not None else None
-        found.append(Factors(L, forward, x if turn else None, status, trace))
+        found.append(Factors(L, z if right_sides else None, x if turn else None, status, trace))
     return found
 
 
-def _finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Return an array of floats or mpmath numbers; ValueError for a wrong shape or number."""
-    found = np.asarray(values)
-    if found.dtype not in (np.dtype(object), np.dtype(np.float32)):
-        found = found.astype(np.float64)
-    if found.shape != shape or not found.size:
-        expected = '(n, n) with n at least 1' if name == 'H' else str(shape)
-        raise ValueError(f'{name} must have shape {expected}, got {found.shape}')
-    if not np.isfinite(found.astype(np.float64)).all():
-        raise ValueError(f'{name} must be finite, got {found}')
-    return found
+def solve(H: NDArray[Any], y: NDArray[Any]) -> Factors:
+    """Solve H x = y on the array; see `pipeline`."""
+    return pipeline([H], [y], turn=True)[0]
 
 
-def literal_array(H: ArrayLike) -> Factors:
+def literal_array(H: NDArray[Any]) -> Factors:
     """Factor a matrix on the printed design, with no right-hand side; see `pipeline`."""
-    H = _finite('H', H, np.shape(H)[:1] * 2)
     streams: dict[Link, dict[int, Any]] = {}
     for k in range(len(H)):
         below = [Item(h) for h in H[k:, k]] + [Item(None, FLAG)]
@@ -316,7 +279,7 @@ def literal_array(H: ArrayLike) -> Factors:
         trace = triangle(len(H), printed_circular, printed_square, back=False).run(streams)
     L = np.zeros_like(H)
     for k in range(len(H)):
-        *off_diagonal, diagonal = trace.leaving((k + 1, k + 1), 'right')
+        *off_diagonal, diagonal = trace.sent((k + 1, k + 1), 'right')
         L[k:, k] = [item.value for item in (diagonal, *off_diagonal)]
     return Factors(L, None, None, _status_of(H, L), trace)
 
@@ -355,7 +318,7 @@ def record_pcrbm_array(plant: Plant, schedule: str) -> Program:
         problem = [[gather({0: place}) for place in row] for row in places]
     with recorder.section(SECTION):
         trace = clock([problem], turn=True)
-    qdd = [trace.leaving((k, 1), 'left')[0].value for k in range(1, n + 1)]
+    qdd = [trace.sent((k, 1), 'left')[0].value for k in range(1, n + 1)]
     pivots = [trace.states[k, k].radicand for k in range(1, n + 1)]
     return program_with_outputs(recorder, qdd=qdd, pivots=pivots)
 

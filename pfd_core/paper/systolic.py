@@ -61,15 +61,8 @@ class Ports(dict[str, Any]):
     There is a key for each link of the cell; `get` returns None without a link, too.
     """
 
-    def __init__(self, place: Place, items: Mapping[str, Any]) -> None:
-        super().__init__(items)
-        self.place = place
-
     def __missing__(self, direction: str) -> Any:
-        raise LinkError(
-            f'cell {self.place} reads from {direction!r}, but only has links from {sorted(self)}: '
-            'declare the link, or read another one'
-        )
+        raise LinkError(f'a cell reads from {direction!r}, but only has links from {sorted(self)}')
 
 
 @dataclass(frozen=True)
@@ -85,21 +78,11 @@ class Step:
 Cell = Callable[[Any, Ports], Step]
 
 
-class Emission(NamedTuple):
-    """An item that left the array."""
-
-    cycle: int
-    place: Place  # of the cell that sent it
-    direction: str
-    item: Any
-
-
 @dataclass(frozen=True)
 class Trace:
     """Record of a run of an array."""
 
     steps: tuple[dict[Place, Step], ...]  # of cycle t at t - 1: each cell with an item, its work
-    emitted: tuple[Emission, ...]  # in order of time
     states: dict[Place, Any]  # at the end
 
     @property
@@ -121,9 +104,10 @@ class Trace:
         """Return the number of cycles in which some cell did one of the named actions."""
         return sum(any(action in names for action in acting.values()) for acting in self.actions)
 
-    def leaving(self, place: Place, direction: str) -> list[Any]:
-        """Return the items that a cell sent out of the array in a direction, by time."""
-        return [e.item for e in self.emitted if (e.place, e.direction) == (place, direction)]
+    def sent(self, place: Place, direction: str) -> list[Any]:
+        """Return the items that a cell sent in a direction, by time."""
+        own = (steps[place].sent for steps in self.steps if place in steps)
+        return [items[direction] for items in own if direction in items]
 
 
 class Array:
@@ -136,71 +120,49 @@ class Array:
     def __init__(self, cells: Mapping[Place, Cell], links: Iterable[Link]) -> None:
         self.cells = dict(cells)
         self.links = frozenset(links)
-        self._in, self._out = (
-            {
-                place: {
-                    way: end(place, way) for way in DIRECTIONS if end(place, way) in self.links
-                }
-                for place in self.cells
-            }
-            for end in (into, out_of)
-        )
-        own = (found.values() for ends in (self._in, self._out) for found in ends.values())
-        for link in sorted(self.links.difference(*own)):
+        ends = {end(at, way) for at in self.cells for way in DIRECTIONS for end in (into, out_of)}
+        for link in sorted(self.links - ends):
             raise LinkError(f'link {link} must join a cell with a neighbouring place')
 
-    def run(self, streams: Mapping[Link, Mapping[int, Any]], at_most: int = 100_000) -> Trace:
+    def run(self, streams: Mapping[Link, Mapping[int, Any]]) -> Trace:
         """
         Run the clock until all latches and streams are empty.
 
-        Parameters
-        ----------
-        streams : mapping
-            For a link from outside, cycle to item; cycles count from 1.
-        at_most : int
-            Largest number of cycles of a run; ValueError if the array is busy for longer.
-
+        `streams` has cycle to item for links from outside; cycles count from 1.
         """
-        arriving: dict[int, dict[Link, Any]] = {}
         for link, items in streams.items():
             if link not in self.links or link.source in self.cells:
                 raise LinkError(f'stream on {link}: there is no such link from outside')
-            if items and min(items) < 1:
+            if min(items, default=1) < 1:
                 raise ValueError(f'stream on {link}: cycles count from 1, got {min(items)}')
-            for cycle, item in items.items():
-                arriving.setdefault(cycle, {})[link] = item
+        last = max((cycle for items in streams.values() for cycle in items), default=0)
         states: dict[Place, Any] = dict.fromkeys(self.cells)
         latches: dict[Link, Any] = {}
         done: list[dict[Place, Step]] = []
-        emitted: list[Emission] = []
-        while latches or arriving:
+        while latches or len(done) < last:
             cycle = len(done) + 1
-            if cycle > at_most:
-                raise ValueError(f'the array is still busy after {at_most} cycles')
-            latches |= arriving.pop(cycle, {})
+            latches |= {link: items[cycle] for link, items in streams.items() if cycle in items}
             steps = {
-                place: self.cells[place](
-                    states[place],
-                    Ports(place, {way: latches.get(x) for way, x in self._in[place].items()}),
-                )
+                place: self.cells[place](states[place], self._ports(place, latches))
                 for place in dict.fromkeys(link.target for link in latches)
             }
-            latches = {}
-            for place, step in steps.items():
-                states[place] = step.state
-                for direction, item in step.sent.items():
-                    link = self._sent(place, direction)
-                    if link.target in self.cells:
-                        latches[link] = item
-                    else:
-                        emitted.append(Emission(cycle, place, direction, item))
+            states |= {place: step.state for place, step in steps.items()}
+            sent = {
+                self._link(place, way): item
+                for place, step in steps.items()
+                for way, item in step.sent.items()
+            }
+            latches = {link: item for link, item in sent.items() if link.target in self.cells}
             done.append(steps)
-        return Trace(tuple(done), tuple(emitted), states)
+        return Trace(tuple(done), states)
 
-    def _sent(self, place: Place, direction: str) -> Link:
-        ends = self._out[place]
-        if direction not in ends:
-            raise LinkError(
-                f'cell {place} sends {direction!r}, but only has links to {sorted(ends)}'
-            )
-        return ends[direction]
+    def _ports(self, place: Place, latches: Mapping[Link, Any]) -> Ports:
+        links = {way: into(place, way) for way in DIRECTIONS}
+        return Ports({way: latches.get(x) for way, x in links.items() if x in self.links})
+
+    def _link(self, place: Place, direction: str) -> Link:
+        links = {way: out_of(place, way) for way in DIRECTIONS}
+        own = sorted(way for way, link in links.items() if link in self.links)
+        if direction not in own:
+            raise LinkError(f'cell {place} sends {direction!r}, but only has links to {own}')
+        return links[direction]

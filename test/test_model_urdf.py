@@ -79,6 +79,7 @@ CHAINS = [
 ]
 
 
+@pytest.mark.filterwarnings("ignore:'panda'. not read.*mu_coulomb:pfd_core.PhysicsWarning")
 @pytest.mark.parametrize(('text', 'choice', 'n'), CHAINS)
 def test_a_chain_has_the_inertia_the_torques_and_the_frames_of_pinocchio(
     text: str, choice: dict[str, object], n: int
@@ -144,6 +145,129 @@ def test_joints_that_mimic_a_locked_joint_are_locked_at_positions_that_follow() 
     assert pfd.load_robot(text, locked={'wrist': 0.01, 'left_finger': 0.0}) == pfd.load_robot(
         FORK, locked=at | {'left_finger': 0.0}
     )
+
+
+def turned_by(*quaternions: str, version: str = ' version="1.1"') -> str:
+    """Return a chain of one joint a quaternion, and its inertial frames turned by them too."""
+    links = [link('base')]
+    joints = []
+    for k, turn in enumerate(quaternions):
+        name = f'l{k}'
+        body = link(name, 1.0 + k, '0.1 0.2 -0.3', J=BODY)
+        links.append(body.replace('rpy="0 0 0"', f'quat_xyzw="{turn}"'))
+        at = joint(f'j{k}', 'continuous', f'l{k - 1}' if k else 'base', name, '0.2 0.1 0.3')
+        joints.append(at.replace('rpy="0 0 0"', f'quat_xyzw="{turn}"'))
+    return urdf('turned', *links, *joints).replace('<robot', f'<robot{version}', 1)
+
+
+# Any norm; at a pitch of 90 and -90 degrees; half a turn about each axis.
+QUATERNIONS = (
+    *('0.1 -0.7 0.3 0.9', '0 0.7071 0 0.7071', '0.5 -0.5 0.5 0.5', '0 0 3 0', '1 0 0 0'),
+    *('0 -1 0 0', '-0.2 0.4 -1.1 -0.3'),
+)
+
+
+def test_orientations_of_version_1_1_may_be_quaternions() -> None:
+    text = turned_by(*QUATERNIONS)
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        robot = pfd.load_robot(text)
+    assert_same_physics(robot, text, {})
+    assert_same_frames(robot, text, {})
+
+
+def test_a_quaternion_of_right_angles_leaves_exact_zeros_and_ones() -> None:
+    h = '0.70710678118654752'
+    text = turned_by(f'0 {h} 0 {h}', f'0 0 -{h} {h}', '0 0.7071 0.7071 0', '0.5 0.5 0.5 0.5')
+    robot = pfd.load_robot(text)
+    assert {0.0, 1.0} == set(np.abs(robot.rotations).ravel().tolist())
+
+
+def test_a_quaternion_in_version_1_0_is_not_read_but_named_as_pinocchio_does() -> None:
+    for version in ('', ' version="1.0"'):
+        text = turned_by('0.1 -0.7 0.3 0.9', '0 0 1 1', version=version)
+        with pytest.warns(
+            pfd.PhysicsWarning, match=r'quat_xyzw= and 3 more \(read in version 1.1'
+        ):
+            robot = pfd.load_robot(text)
+        assert_same_physics(robot, text, {})
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'message'),
+    [
+        ('quat_xyzw="1 0 0 0"', 'quat_xyzw="0 0 0 0"', 'must be four numbers, not all 0'),
+        ('quat_xyzw="1 0 0 0"', 'quat_xyzw="1 0 0"', "must be four numbers, got '1 0 0'"),
+        ('quat_xyzw="1 0 0 0"', 'quat_xyzw="1 0 0 x"', "must be a number, got 'x'"),
+        ('quat_xyzw="1 0 0 0"', 'rpy="0 0 0" quat_xyzw="1 0 0 0"', 'has rpy and quat_xyzw'),
+        ('version="1.1"', 'version="2.0"', r"<robot version> must be one of 1.0, .* got '2.0'"),
+        ('version="1.1"', 'version=""', "<robot version> must be one of .* got ''"),
+    ],
+)
+def test_a_wrong_quaternion_or_version_is_refused_and_named(
+    old: str, new: str, message: str
+) -> None:
+    text = turned_by('1 0 0 0')
+    assert old in text
+    with pytest.raises(ValueError, match=message):
+        pfd.load_robot(text.replace(old, new, 1))
+
+
+@pytest.mark.parametrize(
+    ('place', 'attribute'),
+    [
+        ('<limit lower="-1"', 'acceleration="5"'),
+        ('<limit lower="-1"', 'jerk="5"'),
+        ('<dynamics damping="0.7"', 'mu_viscous="5"'),
+        ('<mass value="4.0"', 'unit="g"'),
+        ('<inertia ixx="0.02"', 'unit="g mm^2"'),
+        ('<axis xyz="0.3 -0.5 0.8"', 'rpy="1 0 0"'),
+        ('<origin xyz="0.01 -0.02 0.1"', 'wxyz="1 0 0 0"'),
+        ('<transmission name="t"', 'reduction="100"'),
+    ],
+)
+def test_an_attribute_of_physics_that_is_not_read_is_named(place: str, attribute: str) -> None:
+    text = ODD_ARM.replace('</robot>', '<transmission name="t"/></robot>')
+    assert place in text
+    with pytest.warns(pfd.PhysicsWarning) as found:
+        robot = pfd.load_robot(text.replace(place, f'{place} {attribute}', 1))
+    (warning,) = found
+    element, name = place[1:].split()[0], attribute.split('=')[0]
+    assert f'<{element}' in str(warning.message)
+    assert f' {name}=' in str(warning.message)
+    assert robot == pfd.load_robot(ODD_ARM)
+
+
+def test_attributes_of_many_joints_that_are_not_read_are_named_once_with_their_number() -> None:
+    text = example('panda_description/urdf/panda.urdf')
+    locked = {'panda_finger_joint1': 0.01, 'panda_finger_joint2': 0.02}
+    with pytest.warns(pfd.PhysicsWarning) as found:
+        pfd.load_robot(text, locked=locked)
+    (warning,) = [item for item in found if 'not read' in str(item.message)]
+    assert "<joint name='panda_joint1'> <dynamics> mu_coulomb= and 6 more" in str(warning.message)
+
+
+ROTOR = """<transmission name="t">{}<joint name="j1">{}</joint>
+<actuator name="m">{}<motorInertia>0.001</motorInertia></actuator></transmission></robot>"""
+RATIO = '<mechanicalReduction>50</mechanicalReduction>'
+
+
+@pytest.mark.parametrize(
+    'places',
+    [
+        *((RATIO, '', ''), ('', RATIO, ''), ('', '', RATIO), (RATIO, RATIO, RATIO)),
+        ('', RATIO.replace('alR', 'al_r'), ''),
+    ],
+)
+def test_a_reduction_is_read_where_ros_1_and_ros_2_write_it(places: tuple[str, ...]) -> None:
+    text = ODD_ARM.replace('</robot>', ROTOR.format(*places))
+    assert pfd.load_robot(text).armature[0] == pytest.approx(50**2 * 0.001, rel=1e-15)
+
+
+def test_two_reductions_of_one_rotor_are_refused() -> None:
+    text = ODD_ARM.replace('</robot>', ROTOR.format('', RATIO, RATIO.replace('50', '1')))
+    with pytest.raises(ValueError, match=r"transmission 't' states 2 reductions, 1\.0, 50\.0"):
+        pfd.load_robot(text)
 
 
 BAD = [
@@ -392,14 +516,14 @@ NAMED = """
     <parent link="base"/>
     <child link="upper"/>
     <axis xyz="0 1 0"/>
-    <limit lower="-3" upper="3" effort="9" velocity="9" acceleration="5" drake:efforts="2"/>
+    <limit lower="-3" upper="3" effort="9" velocity="9"/>
     <dynamics damping="1" friction="0.5"/>
     <safety_controller k_velocity="1" soft_lower_limit="-2"/>
     <calibration rising="0"/>
   </joint>
   <gazebo reference="upper"><links/></gazebo>
   <ros2_control name="arm" type="system"><joints/></ros2_control>
-  <transmission name="t"><types>x</types></transmission>
+  <transmission name="t"><hardware/></transmission>
   <material name="blue"/>
 </robot>
 """

@@ -89,6 +89,21 @@ def rotation_rpy(roll: float, pitch: float, yaw: float) -> Array:
     return product(rotation_z(*cos_sin(yaw)), about_y, rotation_x(*cos_sin(roll)))
 
 
+def angles_of_quaternion(x: float, y: float, z: float, w: float) -> tuple[float, float, float]:
+    """
+    Return roll, pitch and yaw [rad] of a quaternion of any norm but 0, precise at any pitch.
+
+    Bernardes and Viollet 2022: half the sum and half the difference of roll and yaw are angles of
+    two planar vectors, and the pitch follows from their lengths. At a pitch of a right angle one
+    of the vectors is zero, apart from rounding, and its angle arbitrary.
+    """
+    scale = RIGHT_ANGLE_TOLERANCE * math.hypot(x, y, z, w)
+    a, b, c, d = (0.0 if abs(n) <= scale else n for n in (w - y, x + z, y + w, z - x))
+    half_sum, half_difference = math.atan2(b, a), math.atan2(d, c)
+    pitch = 2 * math.atan2(math.hypot(c, d), math.hypot(a, b)) - math.pi / 2
+    return half_sum - half_difference, pitch, half_sum + half_difference
+
+
 def chained(*frames: Placement) -> Placement:
     """Return the last frame in the base of the first; each frame is given in the one before."""
     R, p = frames[0]

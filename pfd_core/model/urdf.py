@@ -18,6 +18,7 @@ import sys
 from typing import NamedTuple
 import xml.etree.ElementTree as ElementTree
 
+from pfd_core.model.geometry import angles_of_quaternion
 from pfd_core.model.robot import JOINT_TYPES, locked_positions
 from pfd_core.model.rotors import reflected_inertia
 from pfd_core.model.values import BLANKS, number_from_text, quote, quote_all
@@ -26,15 +27,20 @@ NOT_A_CHAIN = ('floating', 'planar')
 # A limit of this size means no limit: pfd_core.model.urdf_writer has no other number for it.
 LARGEST_LIMIT = sys.float_info.max
 INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
-# Rotors: local name of the inertia -> local name of the ratio. The format has no element for the
+# Versions of the format; from 1.1 on an orientation may be a quaternion.
+VERSIONS, QUATERNIONS = ('1.0', '1.1', '1.2'), 'quat_xyzw'
+# Rotors: local name of the inertia -> local names of the ratio. The format has no element for the
 # inertia of a rotor. Two extensions are read, both in the <actuator> of a <transmission> with one
 # joint: Drake's <drake:rotor_inertia value> with <drake:gear_ratio value>, and <motorInertia> with
-# the format's <mechanicalReduction>. A reduction alone is ambiguous: most files have 1 or its
-# inverse there.
-ROTORS = {'rotor_inertia': 'gear_ratio', 'motorInertia': 'mechanicalReduction'}
+# the reduction that ROS 1 writes in the <actuator> or the <transmission>, and ROS 2 in the
+# <joint>. A reduction alone is ambiguous: most files have 1 or its inverse there.
+ROTORS = {
+    'rotor_inertia': ('gear_ratio',),
+    'motorInertia': ('mechanicalReduction', 'mechanical_reduction'),
+}
 # Names that are read, those of attributes and of children together, by element.
 KNOWN: Mapping[str, tuple[str, ...]] = {
-    'robot': ('name', 'link', 'joint', 'transmission'),
+    'robot': ('name', 'version', 'link', 'joint', 'transmission'),
     'link': ('name', 'inertial'),
     'inertial': ('origin', 'mass', 'inertia'),
     'origin': ('xyz', 'rpy'),
@@ -49,7 +55,10 @@ KNOWN: Mapping[str, tuple[str, ...]] = {
     'limit': ('lower', 'upper', 'velocity', 'effort'),
     'dynamics': ('damping', 'friction'),
     'mimic': ('joint', 'multiplier', 'offset'),
+    'transmission': ('name', 'type', 'joint', 'actuator'),
 }
+# What these hold is physics: whatever of it is not read is named.
+PHYSICAL = ('origin', 'mass', 'inertia', 'axis', 'limit', 'dynamics', 'mimic', 'transmission')
 # Names of the format and of other tools that are not read here, and are no misspelt ones.
 FOREIGN = {'visual', 'collision', 'material', 'gazebo', 'ros2_control', 'safety_controller'}
 FOREIGN |= {'calibration'}
@@ -123,6 +132,8 @@ class Urdf:
         The URDF itself, xacro expanded, and its origin.
     misspelt : tuple of str
         Elements and attributes that are not read and whose names resemble names that are.
+    unread : tuple of str
+        Other attributes of `PHYSICAL` elements that are not read, each name once.
 
     """
 
@@ -133,6 +144,7 @@ class Urdf:
     text: str = field(default='', repr=False)
     source: str = 'URDF text'
     misspelt: tuple[str, ...] = ()
+    unread: tuple[str, ...] = ()
 
     def with_followers(self, locked: Mapping[str, float]) -> dict[str, float]:
         """
@@ -162,13 +174,18 @@ def parse_urdf(text: str, source: str = 'URDF text') -> Urdf:
     ValueError if the text is no XML or no <robot>, or a link or joint breaks the format.
     """
     root = _root(text)
-    links = {name: _inertial(e, f'link {quote(name)}') for name, e in _named(root, 'link').items()}
+    known = _known(root)
+    turned = QUATERNIONS in known['origin']
+    links = {
+        name: _inertial(e, f'link {quote(name)}', turned)
+        for name, e in _named(root, 'link').items()
+    }
     if not links:
         raise ValueError('the URDF has no <link>; if it is xacro, load the .xacro file')
     if len(links) > MOST_LINKS:
         raise ValueError(f'the URDF has {len(links)} links, more than the {MOST_LINKS} supported')
-    joints = {name: _joint(element, name) for name, element in _named(root, 'joint').items()}
-    unread = islice(_unread(root), MOST_COMPARED)
+    joints = {name: _joint(e, name, turned) for name, e in _named(root, 'joint').items()}
+    misspelt, unread = _not_read(root, known)
     return Urdf(
         name=root.get('name') or 'robot',
         links=links,
@@ -176,7 +193,8 @@ def parse_urdf(text: str, source: str = 'URDF text') -> Urdf:
         armature=_armature(root, joints),
         text=text,
         source=source,
-        misspelt=tuple(place for place, name, known in unread if _resembles(name, known)),
+        misspelt=misspelt,
+        unread=unread,
     )
 
 
@@ -211,22 +229,58 @@ def _root(text: str) -> Element:
     return root
 
 
-def _unread(element: Element, outer: str = '') -> Iterator[tuple[str, str, tuple[str, ...]]]:
-    """Yield place and name of attributes and elements that are not read, and names that are."""
-    known, name = KNOWN[element.tag], element.get('name')
-    place = f'{outer}<{element.tag}{"" if name is None else f" name={quote(name)}"}>'
+def _known(root: Element) -> Mapping[str, tuple[str, ...]]:
+    """Return the names that are read in the version of the format that a file states."""
+    version = root.get('version', VERSIONS[0])
+    if version not in VERSIONS:
+        raise ValueError(
+            f'<robot version> must be one of {", ".join(VERSIONS)}, got {quote(version)}'
+        )
+    if version == VERSIONS[0]:
+        return KNOWN
+    return {**KNOWN, 'origin': (*KNOWN['origin'], QUATERNIONS)}
+
+
+def _not_read(
+    root: Element, known: Mapping[str, tuple[str, ...]]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return what is not read: names that resemble one that is, and others of `PHYSICAL`."""
+    misspelt: list[str] = []
+    others: dict[tuple[str, str], list[str]] = {}
+    for place, tag, name in islice(_unread(root, known), MOST_COMPARED):
+        if _resembles(name, known[tag]):
+            misspelt.append(place)
+        elif tag in PHYSICAL and place.endswith('='):
+            others.setdefault((tag, name), []).append(place)
+    unread = []
+    for (_, name), places in others.items():
+        more = f' and {len(places) - 1} more' if len(places) > 1 else ''
+        advice = f' (read in version {VERSIONS[1]})' if name == QUATERNIONS else ''
+        # Without the <robot>, which all places have in common.
+        unread.append(places[0].partition('> ')[2] + more + advice)
+    return tuple(misspelt), tuple(unread)
+
+
+def _unread(
+    element: Element, known: Mapping[str, tuple[str, ...]], outer: str = ''
+) -> Iterator[tuple[str, str, str]]:
+    """Yield attributes and elements that are not read: place, tag of the element, and name."""
+    tag, name = element.tag, element.get('name')
+    place = f'{outer}<{tag}{"" if name is None else f" name={quote(name)}"}>'
     for key in element.attrib:
-        yield f'{place} {quote(key)[1:-1]}=', key, known
+        if key not in known[tag]:
+            yield f'{place} {quote(key.rpartition("}")[2])[1:-1]}=', tag, key
     for child in element:
-        if child.tag in known and child.tag in KNOWN:
-            yield from _unread(child, f'{place} ')
-        else:
-            yield f'{place} <{quote(child.tag)[1:-1]}>', child.tag, known
+        # A <joint> of a <transmission> is a name.
+        if child.tag in known[tag] and child.tag in known and tag != 'transmission':
+            yield from _unread(child, known, f'{place} ')
+        elif child.tag not in known[tag]:
+            yield f'{place} <{quote(child.tag)[1:-1]}>', tag, child.tag
 
 
 def _resembles(name: str, known: tuple[str, ...]) -> bool:
     """Return whether a name is like one of those that are read; other tools have a prefix."""
-    if name in known or name in FOREIGN or ':' in name or '}' in name:
+    if name in FOREIGN or ':' in name or '}' in name:
         return False
     # Of short names, as `xzy`, fewer letters agree.
     return bool(
@@ -268,23 +322,37 @@ def _number(element: Element, key: str, label: str, silent: float | None = None)
 def _triple(
     element: Element | None, key: str, label: str, silent: Triple = (0.0, 0.0, 0.0)
 ) -> Triple:
-    text = None if element is None else element.get(key)
-    if element is None or text is None:
+    if element is None or key not in element.attrib:
         return silent
-    where = f'<{element.tag} {key}> of {label}'
-    words = re.split(f'[{BLANKS}]+', text.strip(BLANKS))
-    if len(words) != 3:
-        raise ValueError(f'{where} must be three numbers, got {quote(text)}')
-    x, y, z = (number_from_text(where, word) for word in words)
+    x, y, z = _numbers(element, key, label, 3)
     return x, y, z
 
 
-def _origin(parent: Element, label: str) -> Origin:
+def _numbers(element: Element, key: str, label: str, count: int) -> list[float]:
+    text = element.get(key, '')
+    where = f'<{element.tag} {key}> of {label}'
+    words = re.split(f'[{BLANKS}]+', text.strip(BLANKS))
+    if len(words) != count:
+        wanted = {3: 'three', 4: 'four'}[count]
+        raise ValueError(f'{where} must be {wanted} numbers, got {quote(text)}')
+    return [number_from_text(where, word) for word in words]
+
+
+def _origin(parent: Element, label: str, turned: bool) -> Origin:
+    """Return the frame that an element states; `turned` where a quaternion may state its axes."""
     element = _only(parent, 'origin', label)
-    return Origin(_triple(element, 'xyz', label), _triple(element, 'rpy', label))
+    xyz = _triple(element, 'xyz', label)
+    if not turned or element is None or QUATERNIONS not in element.attrib:
+        return Origin(xyz, _triple(element, 'rpy', label))
+    if 'rpy' in element.attrib:
+        raise ValueError(f'<origin> of {label} has rpy and {QUATERNIONS}; it may have one')
+    quaternion = _numbers(element, QUATERNIONS, label, 4)
+    if not any(quaternion):
+        raise ValueError(f'<origin {QUATERNIONS}> of {label} must be four numbers, not all 0')
+    return Origin(xyz, angles_of_quaternion(*quaternion))
 
 
-def _inertial(link: Element, label: str) -> Inertial | None:
+def _inertial(link: Element, label: str, turned: bool) -> Inertial | None:
     element = _only(link, 'inertial', label)
     if element is None:
         return None
@@ -293,12 +361,12 @@ def _inertial(link: Element, label: str) -> Inertial | None:
         raise ValueError(f'<inertial> of {label} must have a <mass> and an <inertia>')
     return Inertial(
         _number(mass, 'value', label),
-        _origin(element, label),
+        _origin(element, label, turned),
         tuple(_number(inertia, key, label) for key in INERTIA_KEYS),
     )
 
 
-def _joint(element: Element, name: str) -> Joint:
+def _joint(element: Element, name: str, turned: bool) -> Joint:
     label, kind = f'joint {quote(name)}', element.get('type', '')
     if kind not in (*JOINT_TYPES, *NOT_A_CHAIN, 'fixed'):
         raise ValueError(
@@ -316,7 +384,7 @@ def _joint(element: Element, name: str) -> Joint:
     if mimic is not None:
         factors = _number(mimic, 'multiplier', label, 1.0), _number(mimic, 'offset', label, 0.0)
         rule = Mimic(mimic.get('joint', ''), *factors)
-    limits, origin = _limits(element, kind, label), _origin(element, label)
+    limits, origin = _limits(element, kind, label), _origin(element, label, turned)
     limited = kind not in ('revolute', 'prismatic') or element.find('limit') is not None
     return Joint(name, kind, parent, child, origin, axis, limits, limited, rule)
 
@@ -345,7 +413,7 @@ def _armature(root: Element, joints: Collection[str]) -> dict[str, float]:
     for transmission in root.findall('transmission'):
         label = f'transmission {quote(transmission.get("name", ""))}'
         for actuator in transmission.findall('actuator'):
-            armature = _rotor(actuator, label)
+            armature = _rotor(actuator, transmission, label)
             if armature is None:
                 continue
             moved = [joint.get('name', '') for joint in transmission.findall('joint')]
@@ -359,16 +427,32 @@ def _armature(root: Element, joints: Collection[str]) -> dict[str, float]:
     return found
 
 
-def _rotor(actuator: Element, label: str) -> float | None:
+def _rotor(actuator: Element, transmission: Element, label: str) -> float | None:
     """Return the inertia of an actuator's rotor at its joint, or None if it states none."""
-    # By their names without a namespace; a number is in the attribute `value` or in the text.
-    texts = {str(e.tag).rpartition('}')[2]: e.get('value', e.text or '') for e in actuator}
-    for key, ratio in ROTORS.items():
-        if key in texts:
-            inertia = number_from_text(f'{key} of {label}', texts[key])
-            gear = number_from_text(f'{ratio} of {label}', texts.get(ratio, '1'))
+    inertias = dict(_values(actuator))
+    for key, ratios in ROTORS.items():
+        if key in inertias:
+            inertia = number_from_text(f'{key} of {label}', inertias[key])
+            places = actuator, transmission, *transmission.findall('joint')
+            stated = {
+                number_from_text(f'{name} of {label}', text)
+                for place in places
+                for name, text in _values(place)
+                if name in ratios
+            }
+            if len(stated) > 1:
+                raise ValueError(
+                    f'{label} states {len(stated)} reductions, {quote_all(sorted(stated))}; '
+                    'it may have one'
+                )
             try:
-                return float(reflected_inertia([inertia], gear)[0])
+                return float(reflected_inertia([inertia], *(stated or {1.0}))[0])
             except ValueError as error:
                 raise ValueError(f'{label}: {error}') from error
     return None
+
+
+def _values(element: Element) -> Iterator[tuple[str, str]]:
+    """Yield the children of an element by local name: an attribute `value`, or their text."""
+    for child in element:
+        yield str(child.tag).rpartition('}')[2], child.get('value', child.text or '')

@@ -90,6 +90,8 @@ def robot_from_urdf(
     slack = real_number('right_angle', right_angle, largest=LARGEST)
     if urdf.misspelt:
         _warn(f'{quote(urdf.name)}: not read, misspelt? {quote_all(urdf.misspelt)}')
+    if urdf.unread:
+        _warn(f'{quote(urdf.name)}: not read: {"; ".join(urdf.unread[:MOST_NAMES])}')
     given = locked_positions({} if locked is None else locked)
     at = urdf.with_followers(given)
     chain = find_chain(urdf, base, tip, at)

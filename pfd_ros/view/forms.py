@@ -78,11 +78,12 @@ def draw(urdf: pfd.Urdf, meshes: Meshes) -> Drawing:
     shapes: list[Shape] = []
     missing: dict[str, str] = {}
     unread: set[str] = set()
+    turned = root.get('version', '1.0') != '1.0'
     visuals = [(link, item) for link in root.findall('link') for item in link.findall('visual')]
     for element, visual in visuals[:MOST_VISUALS]:
         link = element.get('name', '')
         try:
-            shapes += _shapes(link, visual, named, meshes)
+            shapes += _shapes(link, visual, named, meshes, turned)
         except UnreadMeshError as error:
             unread.add(link)
             missing.setdefault(*error.args)
@@ -108,10 +109,18 @@ def draw(urdf: pfd.Urdf, meshes: Meshes) -> Drawing:
 
 
 def _shapes(
-    link: str, visual: ElementTree.Element, named: Mapping[str, Colour | None], meshes: Meshes
+    link: str,
+    visual: ElementTree.Element,
+    named: Mapping[str, Colour | None],
+    meshes: Meshes,
+    turned: bool,
 ) -> list[Shape]:
+    """Return the shapes of a visual; `turned` where a quaternion may state its axes."""
     origin, material, geometry = map(visual.find, ('origin', 'material', 'geometry'))
     pose = pose_of(*(_numbers(origin, key, 3, (0.0,) * 3) for key in ('xyz', 'rpy')))
+    if turned and origin is not None and 'quat_xyzw' in origin.attrib:
+        x, y, z, w = _numbers(origin, 'quat_xyzw', 4, ())
+        pose[:3, :3] = trimesh.transformations.quaternion_matrix((w, x, y, z))[:3, :3]
     colour = None
     if material is not None:
         colour = _colour(material) or named.get(material.get('name', ''))

@@ -183,6 +183,13 @@ def test_primitives_are_drawn_with_their_sizes_places_and_colours() -> None:
     assert drawing.problems == ()
 
 
+def test_a_quaternion_turns_a_visual_from_version_1_1_on() -> None:
+    text = urdf(visual('<box size="0.1 0.2 0.4"/>', '<origin quat_xyzw="0 1 0 1"/>'))
+    for version, size in (('1.0', (0.1, 0.2, 0.4)), ('1.1', (0.4, 0.2, 0.1))):
+        (box,) = drawn(text.replace('<robot', f'<robot version="{version}"', 1)).shapes
+        np.testing.assert_allclose(np.ptp(box.mesh.vertices, axis=0), size, atol=1e-7)
+
+
 def test_a_urdf_without_visuals_is_drawn_from_frames_and_inertias() -> None:
     drawing = drawn(urdf())
     assert {shape.link for shape in drawing.shapes} == {'base', 'arm', 'end'}

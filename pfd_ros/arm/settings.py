@@ -323,6 +323,8 @@ def typed_values(values: Any, *, dynamic: bool = False) -> dict[str, Any]:
     """
     if not isinstance(values, Mapping):
         raise ValueError(f'the settings are {type(values).__name__}, expected a JSON object')
+    if dynamic and not values:
+        raise ValueError('no setting is to change, expected at least one')
     kinds = {row.field: row.type for row in FIELDS if row.dynamic or not dynamic}
     strange = sorted(str(name) for name in values if name not in kinds)
     if strange:

@@ -255,7 +255,7 @@ def _settings(run: Recorded) -> Iterator[tuple[str, str]]:
     """Yield the settings that differ from the defaults, by the names of parameters."""
     defaults = json.loads(Settings().to_json())
     changed = {name: x for name, x in run.settings.items() if x != defaults.get(name)}
-    for name, value in sorted(by_parameter(changed).items()):
+    for name, value in by_parameter(changed).items():
         yield name, ', '.join(map(str, value)) if isinstance(value, list) else str(value)
 
 

@@ -12,16 +12,25 @@ from typing import Any
 import numpy as np
 
 from pfd_ros.arm.events import INPUTS
-from pfd_ros.arm.settings import FIELDS
+from pfd_ros.arm.settings import FIELDS, PER_JOINT
 from pfd_ros.messages.types import JOINT_STATE
 from pfd_ros.recording.arrays import COUNT, LogArrays, read_log
 from pfd_ros.recording.topic_arrays import decoder_of
 
 
 def by_parameter(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings of a recording by the names of parameters, as --what-if takes them."""
+    """Return the settings of a recording by the names of parameters, as --what-if takes them.
+
+    A switch for the values of the model and the numbers of each joint have one name, such as
+    `friction`: numbers that are given take the place of the switch.
+    """
+    numbers = {row.field: row.name for row in PER_JOINT}
     names = {row.field: row.name for row in FIELDS}
-    return {names.get(name, name): value for name, value in settings.items()}
+    found = {names.get(k, k): value for k, value in settings.items() if k not in numbers}
+    for field, name in numbers.items():
+        if settings.get(field) or (field in settings and name not in found):
+            found[name] = settings[field]
+    return dict(sorted(found.items()))
 
 
 def facts(path: str | os.PathLike[str]) -> dict[str, Any]:

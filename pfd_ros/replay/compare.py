@@ -161,10 +161,11 @@ def compare(
                     curves[pair[0], item, name] = curve
     if not curves:
         one, two = a[pairs[0][0]], b[pairs[0][1]]
+        counts = f'; {one.unreadable} and {two.unreadable} messages cannot be read'
+        unread = counts if one.unreadable or two.unreadable else ''
         raise ValueError(
             f'{a.path} and {b.path} have no joint with values at common times: joints are '
-            f'{listed(one.names)} and {listed(two.names)}, lag {lag:.6g} s; '
-            f'{one.unreadable} and {two.unreadable} messages cannot be read'
+            f'{listed(one.names)} and {listed(two.names)}, lag {lag:.6g} s{unread}'
         )
     overlap = max(float(np.ptp(time)) for time, _, _ in curves.values())
     periods = [

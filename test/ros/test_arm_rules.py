@@ -204,6 +204,7 @@ VERDICTS: list[tuple[dict[str, Any], list[tuple[ArmMessage, str, str]]]] = [
             (change(substeps=3), 'malformed', "['substeps'] cannot change while the arm runs"),
             (change(real_time_factor='x'), 'malformed', 'expected a number'),
             (ArmMessage('parameters', encode_string('5')), 'malformed', ''),
+            (change(), 'malformed', 'expected at least one'),
             (payload('base_link', 1.0), 'unknown_names', 'does not move with the last link'),
             (payload(TIP, INF), 'refused', 'payload.mass holds inf'),
             (payload(TIP, 1.0, inertia=[0, 1, 0, 0, 0, 0]), 'refused', 'negative'),

@@ -85,7 +85,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp('logs')
     whole = folder / 'whole.mcap'
     busy(whole, CYCLES)
-    busy(folder / 'other.mcap', CYCLES, payload_mass=1.0)
+    busy(folder / 'other.mcap', CYCLES, payload_mass=1.0, joint_friction=(0.5, 0.0))
     chunks = rewritten(whole, folder / 'chunks.mcap', chunk=2000)
     (folder / 'cut.mcap').write_bytes(chunks.read_bytes()[: chunks.stat().st_size // 2])
     (folder / 'text.mcap').write_text('no log')
@@ -117,8 +117,8 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 # Words, status, and what is in the standard output and in the only line of the error output.
 LOGS: dict[str, tuple[int, str, str]] = {
     'info whole.mcap': (0, r'/joint_states +sensor_msgs/msg/JointState +60 +every [\d.]+ ms', ''),
-    'info other.mcap': (0, r'settings .*\bpayload\.mass=1\.0', ''),
-    'info cut.mcap': (0, r'size .*, cut off', ''),
+    'info other.mcap': (0, r'settings .* friction=\[0\.5, 0\.0\].* payload\.mass=1\.0', ''),
+    'info cut.mcap': (0, r'size .*, cut off(?s:.*)settings .* damping=False.* friction=False', ''),
     'info first.mcap': (0, r'messages +\d+', ''),
     'info ragged.mcap': (1, r'messages +\d+', r'^pfd info: not read: /joint_states: '),
     'info damaged.mcap': (1, '', '^pfd info: .*damaged.mcap'),
@@ -150,6 +150,7 @@ LOGS: dict[str, tuple[int, str, str]] = {
     'replay whole.mcap --what-if payload.mass=1 --plot a.png': (0, r'whole_what_if\.mcap', ''),
     'compare whole.mcap ragged.mcap': (1, '', '^pfd compare: .*ragged.mcap'),
     'compare whole.mcap text.mcap': (1, '', '^pfd compare: .*text.mcap'),
+    'compare whole.mcap whole.mcap --lag 1e9': (1, '', r'common times: .*, lag 1e\+09 s$'),
     'compare whole.mcap whole.mcap --rename shoulder=hip': (0, 'hip', ''),
     'compare whole.mcap whole.mcap --topics /joint_states /none': (1, '', "'/none'"),
     'recover cut.mcap': (0, r'lost (?s:.*)\d+ messages in cut\.recovered\.mcap; .*incomplete', ''),

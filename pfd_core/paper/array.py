@@ -230,15 +230,8 @@ def pipeline(
     """
     Factor several matrices, each following the one before through the array.
 
-    Parameters
-    ----------
-    matrices : sequence of numpy.ndarray
-        (n, n) each, symmetric, of floats or mpmath numbers; the lower triangle is read.
-    right_sides : sequence of numpy.ndarray, optional
-        (n,) each, one for each matrix: with the forward substitution.
-    interval, turn
-        As for `clock`.
-
+    (n, n) each, symmetric, of floats or mpmath numbers; the lower triangle is read. With a
+    right-hand side for each, (n,), forward substitution follows. Other arguments as for `clock`.
     """
     n, dtype = len(matrices[0]), matrices[0].dtype
     problems = [[[*H[k:, k]] for k in range(n)] for H in matrices]

@@ -45,39 +45,18 @@ from pfd_core.paper.lanes import shift
 
 @dataclass(frozen=True)
 class Chain:
-    """
-    A chain at the input q; vectors are in base axes.
-
-    Attributes
-    ----------
-    recorder, plant : Recorder, Plant
-        On n lanes; robot and scene.
-    rotational, translational : tuple of int
-        Lanes of the joints of each kind.
-    m : Lanes
-        Mass [kg].
-    R : LaneArray
-        (3, 3), 0R_i.
-    z : LaneArray
-        (3,), z_(i-1), the axis of joint i.
-    p_star, s : LaneArray
-        (3,), from the origin of frame i-1 to the origin of frame i, and from there to the centre
-        of mass [m].
-    J : LaneArray
-        (6,), inertia about the centre of mass [kg m^2].
-
-    """
+    """A chain at the input q, on n lanes; vectors are in base axes."""
 
     recorder: Recorder
     plant: Plant
-    rotational: tuple[int, ...]
+    rotational: tuple[int, ...]  # lanes of these joints
     translational: tuple[int, ...]
-    m: Lanes
-    R: LaneArray
-    z: LaneArray
-    p_star: LaneArray
-    s: LaneArray
-    J: LaneArray
+    m: Lanes  # masses [kg]
+    R: LaneArray  # (3, 3), 0R_i
+    z: LaneArray  # (3,), z_(i-1), the axis of joint i
+    p_star: LaneArray  # (3,), from the origin of frame i-1 to the origin of frame i [m]
+    s: LaneArray  # (3,), from there to the centre of mass [m]
+    J: LaneArray  # (6,), inertia about the centre of mass [kg m^2]
 
     @property
     def rotors(self) -> Lanes | None:
@@ -174,14 +153,8 @@ def gravity_torques(chain: Chain, model: Plant) -> list[Lanes]:
 
     def along_gravity(component: Callable[[int, int, int], Lanes]) -> Any:
         """Return a . v for components v_k; i, j, k follow each other in a turn."""
-        return sum(
-            (
-                -g * component((k + 1) % 3, (k + 2) % 3, k)
-                for k, g in enumerate(model.gravity.tolist())
-                if g
-            ),
-            0.0,
-        )
+        turns = [(g, ((k + 1) % 3, (k + 2) % 3, k)) for k, g in enumerate(model.gravity.tolist())]
+        return sum((-g * component(*turn) for g, turn in turns if g), 0.0)
 
     tau = along_gravity(lambda i, j, k: z[i] * h[j] - z[j] * h[i])
     if chain.translational:

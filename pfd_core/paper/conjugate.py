@@ -76,19 +76,9 @@ def record_pcgm(
     """
     Return the program of qdd, (n,), iterations and converged, (1,), from q, qd and tau.
 
-    Parameters
-    ----------
-    plant, schedule : Plant, str
-        Robot and scene; one of SCHEDULES. In the paper's form nothing is packed.
-    start : bool
-        Whether an input `start`, (n,), is the first estimate of qdd instead of zero.
-    tolerance : float
-        Stop when the residual has fallen by this factor; our form only.
-    at_most : int, optional
-        Largest number of iterations; default default_limit(n), or n in the paper's form.
-    edition : Edition
-        Our form, or the paper's with any of its misprints.
-
+    With `start` an input of this name, (n,), is the first estimate of qdd instead of zero. Our
+    form stops when the residual has fallen by the factor `tolerance`, or after `at_most`
+    iterations, by default default_limit(n); the paper's, which packs nothing, after n.
     """
     chain, y = forward_equations(plant, schedule, edition)
     recorder = chain.recorder

@@ -129,20 +129,17 @@ def assigned(wishes: Sequence[Sequence[int]], n: int) -> list[int]:
     return [chosen[item] for item in range(len(wishes))]
 
 
-def packed(function: Callable[..., Any], rows: Sequence[tuple[Any, ...]]) -> list[Any]:
+def packed(
+    function: Callable[..., Any], rows: Sequence[tuple[Any, ...]], packs: bool = True
+) -> list[Any]:
     """
     Return function(*operands) for each row, with as few steps as its lanes allow.
 
-    Parameters
-    ----------
-    function : callable
-        Arithmetic without routes, on lane values or vectors of them.
-    rows : sequence of tuple
-        Operands; a row is filled where all its operands have a value, and so is its result.
-
+    The function is arithmetic without routes, on lane values or vectors of them. A row is filled
+    where all its operands have a value, and so is its result.
     """
     recorder = recorder_of(rows[0][0])
-    if not recorder.packs:
+    if not (packs and recorder.packs):
         return [function(*operands) for operands in rows]
     slots = [(k, lane) for k, operands in enumerate(rows) for lane in _filled(operands)]
     results: list[Any] = [None] * len(rows)

@@ -97,17 +97,7 @@ def torques(chain: Chain, qd: Lanes, qdd: Lanes | None = None, edition: Edition 
     """
     Return the torques of links, gravity, wrench and joints, tau_i on lane i - 1 [N m or N].
 
-    Parameters
-    ----------
-    chain : Chain
-        The chain, with its scene.
-    qd : Lanes
-        Joint velocities [rad/s or m/s].
-    qdd : Lanes or None
-        Joint accelerations [rad/s^2 or m/s^2]; None for zero, which gives the bias.
-    edition : Edition
-        Our form or the paper's.
-
+    Without accelerations, which are then zero, this is the bias.
     """
     recorder, plant, wrench = chain.recorder, chain.plant, None
     if plant.external_wrench:
@@ -134,16 +124,7 @@ def inertia_times(chain: Chain, u: Lanes, packs: bool = False) -> Lanes:
     """
     Return H u, (H u)_i on lane i - 1 [N m or N], with the inertia of the rotors.
 
-    Parameters
-    ----------
-    chain : Chain
-        The chain, whose gravity, wrench and effects are ignored.
-    u : Lanes
-        Accelerations [rad/s^2 or m/s^2].
-    packs : bool
-        Whether the levels of the sums over links are packed onto full rows of lanes: fewer
-        additions (at n = 6 the sums take 24 instead of 36) for more routes.
-
+    Packed, the sums over links take fewer additions, at n = 6 24 instead of 36, and more routes.
     """
     zu = chain.z * u
     wd = sums(chain.by_kind(zu, constants(chain.recorder, [0.0] * 3)), packs=packs)

@@ -25,7 +25,7 @@ order for x(i) = x(i-1) a(i); with matrix coefficients on the left it must be X(
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from operator import add, matmul
+from operator import add
 from typing import Any
 
 import numpy as np
@@ -64,22 +64,13 @@ def suffix(combine: Combine, x: Any) -> Any:
     return x
 
 
-def prefix_affine(a: Any, b: Any, times: Combine, product: Combine) -> Any:
+def prefix_affine(a: Any, b: Any, times: Combine, product: Combine, downward: bool = False) -> Any:
     """
     Return X(0) = b(0), X(i) = a(i) X(i-1) + b(i) on lane i.
 
     times(a, x) is a coefficient applied to a value, and product(a, a') the coefficient that
     applies a' first and then a.
     """
-    return _affine(a, b, times, product, downward=False)
-
-
-def suffix_affine(a: Any, b: Any, times: Combine, product: Combine) -> Any:
-    """Return X(n-1) = b(n-1), X(i) = a(i) X(i+1) + b(i); arguments as in prefix_affine."""
-    return _affine(a, b, times, product, downward=True)
-
-
-def _affine(a: Any, b: Any, times: Combine, product: Combine, downward: bool) -> Any:
     recorder = recorder_of(b)
     steps = list(levels(recorder, downward))
     for k, sources in enumerate(steps, 1):
@@ -87,6 +78,11 @@ def _affine(a: Any, b: Any, times: Combine, product: Combine, downward: bool) ->
         if recorder.parallel and k < len(steps):  # later levels need the products
             a = merge(product(a, taken(a, sources)), a)
     return b
+
+
+def suffix_affine(a: Any, b: Any, times: Combine, product: Combine) -> Any:
+    """Return X(n-1) = b(n-1), X(i) = a(i) X(i+1) + b(i); arguments as in prefix_affine."""
+    return prefix_affine(a, b, times, product, downward=True)
 
 
 def total(x: Lanes) -> Lanes:
@@ -97,26 +93,18 @@ def total(x: Lanes) -> Lanes:
 
 def sums(x: LaneArray, downward: bool = False, packs: bool = True) -> LaneArray:
     """Return the sums of each component of x over lanes 0..i, or i..n-1 if downward, on lane i."""
-    recorder = recorder_of(x)
-    if not (packs and recorder.packs):
-        swept: LaneArray = (suffix if downward else prefix)(add, x)
-        return swept
     values: LaneArray = np.ravel(x)
-    for sources in levels(recorder, downward):
-        added = packed(add, [(taken(value, sources), value) for value in values])
+    for sources in levels(recorder_of(x), downward):
+        added = packed(add, [(taken(value, sources), value) for value in values], packs)
         values = array(list(map(merge, added, values)))
     return values.reshape(x.shape)
 
 
 def product(R: LaneArray, packs: bool = True) -> LaneArray:
     """Return the matrix products R(0) R(1) .. R(i), (3, 3), on lane i: FOHRA, eq. (13)."""
-    recorder = recorder_of(R)
-    if not (packs and recorder.packs):
-        swept: LaneArray = prefix(matmul, R)
-        return swept
-    for sources in levels(recorder, downward=False):
+    for sources in levels(recorder_of(R), downward=False):
         left = taken(R, sources)
-        elements = packed(dot, [(left[i], R[:, j]) for i in range(3) for j in range(3)])
+        elements = packed(dot, [(left[i], R[:, j]) for i in range(3) for j in range(3)], packs)
         R = array(list(map(merge, elements, np.ravel(R)))).reshape(3, 3)
     return R
 
@@ -143,18 +131,10 @@ def column_sweep(
     """
     Return the solution of T x = b for a triangular T: x_i <- x_i - t_ij x_j, column by column.
 
-    Each step takes one multiplication and one subtraction on the lanes that are left, and a
-    division on one lane where T has a diagonal.
-
-    Parameters
-    ----------
-    columns : sequence of Lanes or None
-        columns[j] holds t_ij on lane i; the last column swept, which has none, may be None.
-    b, diagonal : Lanes
-        Right-hand side, b_i on lane i, and t_ii; no diagonal means ones.
-    downward : bool
-        Whether T is upper triangular, and x is found from the last element to the first.
-
+    columns[j] holds t_ij on lane i; the last column swept, which has none, may be None. No
+    diagonal means ones. Downward, T is upper triangular, and x is found from the last element to
+    the first. Each step takes one multiplication and one subtraction on the lanes that are left,
+    and a division on one lane where T has a diagonal.
     """
     n, x = b.recorder.lanes, b
     for j in range(n - 1, -1, -1) if downward else range(n):

@@ -53,18 +53,9 @@ def solve(rows: Sequence[Lanes], y: Lanes, free: Lanes | None = None) -> tuple[L
     """
     Return the solution of H x = y, and the pivots v_jj, by L D L'.
 
-    H is positive definite exactly when all pivots are above zero; pivots after the first other one
-    have no meaning.
-
-    Parameters
-    ----------
-    rows : sequence of Lanes
-        Row i of H holds h_ij on lane j for j >= i.
-    y : Lanes
-        Right-hand side, y_j on lane j.
-    free : Lanes or None
-        Zero for a row whose pivot is taken as infinite; the rest of that row is zero.
-
+    Row i of H holds h_ij on lane j for j >= i. H is positive definite exactly when all pivots are
+    above zero; pivots after the first other one have no meaning. `free` is zero for a row whose
+    pivot is taken as infinite; the rest of that row is zero.
     """
     recorder = y.recorder
     with recorder.section('factorisation'):

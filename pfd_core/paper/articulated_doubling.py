@@ -342,7 +342,7 @@ def _joined(one: Pieces, step: Step) -> Pieces:
         K = _product(C, M)
         for i in range(m):
             K[i, i] = 1.0 + K[i, i]
-        solution = solve_pivoted(K, np.hstack([A, on(C, after)]) if after else A, packed)
+        solution = solve_pivoted(K, np.hstack([A, on(C, after)]) if after else A, packs=True)
         J = _symmetric(A.T, _product(M, solution[:, :m]), one.J)
         if not after:
             return one._replace(J=_merged(J, one.J))

@@ -51,14 +51,9 @@ Parallel cost in addition to pose and bias, for rotational joints and n > 1:
 The last level makes no C. Link constants depend on the robot alone, but are counted.
 
 Accuracy: the error grows with the condition of the block system, which depends on the inertias of
-the links and not on H, and is far above the condition of H. A link with inertia about one axis
-only makes the system singular. On 80 random chains of up to 12 joints in float64, whose H has
-conditions of 25 in the median and 920 at most after Jacobi scaling, the system has 3900 and 2e5;
-qdd has relative errors of 4e-12 in the median, 6e-10 in nine of ten and 2e-8 at most. PCRBM has
-2e-15 and 4e-14 there.
-
-The method needs links with a mass and an inertia, and joints without rotors and brakes; other
-plants are refused.
+the links and is far above that of H. On 80 random chains of up to 12 joints in float64, H has
+conditions of 25 in the median and 920 at most after Jacobi scaling, the system 3900 and 2e5; qdd
+has errors of 4e-12 in the median and 2e-8 at most, PCRBM 2e-15 and 4e-14.
 """
 
 from __future__ import annotations
@@ -130,8 +125,8 @@ def record_constraint_forces(plant: Plant, schedule: str) -> Program:
             A, r, C = _eliminated(A, r, C, stride)
             stride *= 2
     with recorder.section('constraint forces'):
-        K, inverse = factored(A)
-        forces = inverse * forward(K, r)
+        K, inverse, w = _factored(A, r[:, None])
+        forces = inverse * w[:, 0]
         for i in reversed(FIVE):
             for j in range(i + 1, 5):
                 forces[i] = forces[i] - K[j, i] * forces[j]
@@ -164,15 +159,10 @@ def _check(plant: Plant) -> None:
 
 
 class Joint(NamedTuple):
-    """
-    The motion of each joint at q, the transformation G between two links.
+    """The motion of each joint at q, the transformation G between two links."""
 
-    `turn` is cosine and sine on the lanes of rotational joints, `slide` the displacement [m] on
-    the others.
-    """
-
-    turn: tuple[Lanes, Lanes] | None
-    slide: Lanes | None
+    turn: tuple[Lanes, Lanes] | None  # cosine and sine, on the lanes of rotational joints
+    slide: Lanes | None  # displacement [m] on the others
 
     def before(self) -> Joint:
         """Return the motion of each joint on the lane of the link before it."""
@@ -213,20 +203,13 @@ def joint_motion(chain: Chain, q: Lanes) -> Joint:
 
 
 class Body(NamedTuple):
-    """
-    Constants of one link on each lane.
+    """Constants of one link on each lane."""
 
-    `A` is the orientation of its outer frame in the axes of its inner joint, `J`, (6,), the
-    inverse of the inertia about the centre of mass in the axes of the outer frame [1/(kg m^2)],
-    `m` the inverse of the mass [1/kg]; `inner` and `outer` lead from the centre of mass to the
-    inner joint, in its axes, and to the outer frame [m].
-    """
-
-    A: LaneArray
-    J: LaneArray
-    m: Lanes
-    inner: LaneArray
-    outer: LaneArray
+    A: LaneArray  # (3, 3), orientation of its outer frame in the axes of its inner joint
+    J: LaneArray  # (6,), inverse inertia about the centre of mass, outer axes [1/(kg m^2)]
+    m: Lanes  # inverse mass [1/kg]
+    inner: LaneArray  # (3,), from the centre of mass to the inner joint, in its axes [m]
+    outer: LaneArray  # (3,), and to the outer frame
 
 
 def _bodies(recorder: Recorder, plant: Plant, links: Sequence[int]) -> Body:
@@ -287,39 +270,28 @@ def _eliminated(
     A: LaneArray, r: LaneArray, C: LaneArray, stride: int
 ) -> tuple[LaneArray, LaneArray, LaneArray | None]:
     """Return the equations without the neighbours at a distance `stride`; C is None at the end."""
-    K, inverse = factored(A)
-    P, Q, w = forward(K, C.T), forward(K, shift(C, -stride)), forward(K, r)
+    _, inverse, right = _factored(A, np.hstack([C.T, shift(C, -stride), r[:, None]]))
+    P, Q, w = right[:, :5], right[:, 5:10], right[:, 10]
     scaled_P, scaled_Q = (inverse[:, None] * X for X in (P, Q))
-    from_left = array([*symmetric_product(scaled_Q.T, Q.T), *(scaled_Q.T @ w)])
-    from_right = array([*symmetric_product(scaled_P.T, P.T), *(scaled_P.T @ w)])
     mine = array([*A, *r])
-    mine = merge(mine - shift(from_left, stride), mine)
-    mine = merge(mine - shift(from_right, -stride), mine)
+    for scaled, X, by in ((scaled_Q, Q, stride), (scaled_P, P, -stride)):
+        neighbours = array([*symmetric_product(scaled.T, X.T), *(scaled.T @ w)])
+        mine = merge(mine - shift(neighbours, by), mine)
     last = 2 * stride >= A[0].recorder.lanes
     return mine[:15], mine[15:], None if last else -shift(P.T @ scaled_Q, stride)
 
 
-def factored(A: LaneArray) -> tuple[LaneArray, LaneArray]:
+def _factored(A: LaneArray, right: LaneArray) -> tuple[LaneArray, LaneArray, LaneArray]:
     """
-    Return the lower K, (m, m), and 1/D, (m,), of a symmetric A = K D K', m (m + 1) / 2 elements.
+    Return the lower K, 1/D, (5,), and K^-1 right of A = K D K', given by its 15 elements.
 
-    For m = 5 that is 30 multiplications, 20 additions, 5 divisions.
+    30 multiplications, 20 additions, 5 divisions, and 10 and 10 for each column on the right.
     """
-    S = symmetric_matrix(A)
-    m = len(S)
-    K, inverse = np.empty((m, m), dtype=object), np.empty(m, dtype=object)
-    for k in range(m):
+    S = np.hstack([symmetric_matrix(A), right])
+    K, inverse = np.empty((5, 5), dtype=object), np.empty(5, dtype=object)
+    for k in FIVE:
         inverse[k] = 1.0 / S[k, k]
-        K[k + 1 :, k] = S[k, k + 1 :] * inverse[k]
-        for i in range(k + 1, m):
+        K[k + 1 :, k] = S[k, k + 1 : 5] * inverse[k]
+        for i in range(k + 1, 5):
             S[i, i:] = S[i, i:] - K[i, k] * S[k, i:]
-    return K, inverse
-
-
-def forward(K: LaneArray, B: LaneArray) -> LaneArray:
-    """Return K^-1 B, (m, k) or (m,): m (m - 1) / 2 multiplications and additions a column."""
-    w: LaneArray = B.copy()
-    for i in range(len(B)):
-        for j in range(i):
-            w[i] = w[i] - K[i, j] * w[j]
-    return w
+    return K, inverse, S[:, 5:]

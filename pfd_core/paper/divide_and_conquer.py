@@ -61,7 +61,7 @@ holds N, nu and A, its last C, beta.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 import math
 from operator import mul
 from typing import Any, NamedTuple
@@ -88,7 +88,7 @@ from pfd_core.model import Plant, Robot
 from pfd_core.model.robot import own_inertia
 from pfd_core.paper.chain import Chain
 from pfd_core.paper.composite import about_point
-from pfd_core.paper.lanes import broadcast, taken
+from pfd_core.paper.lanes import broadcast, packed, taken
 from pfd_core.paper.newton_euler import forward_equations
 from pfd_core.paper.solve import solve
 
@@ -255,19 +255,12 @@ def _part(level: Level, a: LaneArray, phi: LaneArray) -> tuple[LaneArray, LaneAr
     )
 
 
-def one_by_one(function: Callable[..., Any], rows: Sequence[tuple[Any, ...]]) -> list[Any]:
-    """Return function(*operands) for each row, like pfd_core.paper.lanes.packed, not packed."""
-    return [function(*operands) for operands in rows]
-
-
 def less(x: Lanes, factor: Lanes, y: Lanes) -> Any:
     """Return x - factor y."""
     return x - factor * y
 
 
-def solve_pivoted(
-    T: LaneArray, B: LaneArray, each: Callable[..., list[Any]] = one_by_one
-) -> LaneArray:
+def solve_pivoted(T: LaneArray, B: LaneArray, packs: bool = False) -> LaneArray:
     """
     Return T^-1 B, (m, k), for T (m, m) and B (m, k); a singular T gives infinity or NaN.
 
@@ -284,9 +277,8 @@ def solve_pivoted(
     def subtract(k: int, left: Iterable[int], columns: Iterable[int]) -> None:
         """Subtract row k from others, as often as column k has it."""
         at = [(r, c) for r in left for c in columns]
-        found = each(less, [(rows[r, c], rows[r, k], rows[k, c]) for r, c in at]) if at else []
-        for place, x in zip(at, found, strict=True):
-            rows[place] = x
+        changed = [(rows[r, c], rows[r, k], rows[k, c]) for r, c in at]
+        rows[tuple(zip(*at, strict=True))] = packed(less, changed, packs)
 
     for k in range(m):
         for r in range(k + 1, m):
@@ -294,8 +286,9 @@ def solve_pivoted(
             x, y = rows[k, k:].copy(), rows[r, k:].copy()
             rows[k, k:], rows[r, k:] = where(larger, y, x), where(larger, x, y)
         inverse = 1.0 / rows[k, k]
-        rows[k, k + 1 :] = each(mul, [(inverse, x) for x in rows[k, k + 1 :]])
-        subtract(k, range(k + 1, m), range(k + 1, rows.shape[1]))
+        rows[k, k + 1 :] = packed(mul, [(inverse, x) for x in rows[k, k + 1 :]], packs)
+        if k < m - 1:
+            subtract(k, range(k + 1, m), range(k + 1, rows.shape[1]))
     for k in range(m - 1, 0, -1):
         subtract(k, range(k), range(m, rows.shape[1]))
     return rows[:, m:]

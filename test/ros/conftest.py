@@ -10,7 +10,7 @@ from pathlib import Path
 import signal
 from typing import Any
 
-from bridge import claimed_domain, initialised
+from bridge import DDS_LOOPBACK, claimed_domain, initialised
 from plugin_sessions import install
 import pytest
 from ros_processes import HAS_ROS, JOINTS, Peer, Processes
@@ -49,8 +49,11 @@ def peer_of() -> Iterator[Callable[..., Peer]]:
 @pytest.fixture(scope='module')
 def domain() -> Iterator[int]:
     """Return a ROS domain of this module, in which rclpy is initialised."""
-    with claimed_domain() as found, initialised(found):
-        yield found
+    with claimed_domain() as found:
+        # Of the first participant of a process: the middleware reads its profile once.
+        os.environ |= DDS_LOOPBACK
+        with initialised(found):
+            yield found
 
 
 @pytest.fixture(scope='session')

@@ -46,13 +46,15 @@ class GraphCheck:
         self._endpoints, self._report = endpoints, report
         self._since = time.monotonic()
         self._commanded = False
+        # When endpoints were first seen without the name of their node, by identifier.
+        self._unnamed: dict[tuple[int, ...], float] = {}
 
     def check(self) -> None:
         """Query the graph and log connections that cannot work."""
         self.mismatched = 0
         ends = self._endpoints
         for role in (*ends.subscriptions, STATES):
-            found = _named(ends.others(role))
+            found = self._named(ends.others(role))
             fitting = sorted({node_of(info) for info in found if self._fits(role, info)})
             if role in ends.subscriptions:
                 self.publishers[role] = sorted({node_of(info) for info in found})
@@ -96,14 +98,21 @@ class GraphCheck:
 
     def _check_alone(self, topic: str, trouble: str) -> None:
         node = self._endpoints.node
-        found = [node_of(info) for info in _named(node.get_publishers_info_by_topic(topic))]
+        found = [node_of(x) for x in self._named(node.get_publishers_info_by_topic(topic))]
         others = [name for name in found if name != node.get_fully_qualified_name()]
         # Another node of our name counts too, wherever it runs.
         if len(found) > 1:
             name = repr(cut(others[0])) if others else 'of the same name'
             self._report.once(('second', topic), f'node {name} publishes {topic} {trouble}')
 
-
-def _named(found: Sequence[Any]) -> list[Any]:
-    """Return the endpoints whose node is known already."""
-    return [info for info in found[:MOST_ENDPOINTS] if info.node_name != UNKNOWN_NODE]
+    def _named(self, found: Sequence[Any]) -> list[Any]:
+        """Return the endpoints whose node is known, or would be by now if ROS had made it."""
+        now, unnamed = time.monotonic(), self._unnamed
+        if len(unnamed) > MOST_ENDPOINTS:
+            unnamed.clear()
+        return [
+            info
+            for info in found[:MOST_ENDPOINTS]
+            if info.node_name != UNKNOWN_NODE
+            or now - unnamed.setdefault(tuple(info.endpoint_gid), now) > PATIENCE_SECONDS
+        ]

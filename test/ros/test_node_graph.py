@@ -101,6 +101,7 @@ def test_a_best_effort_publisher_is_named_with_the_parameter_that_helps(
 def test_nodes_that_disturb_the_arm_or_cannot_be_heard_are_named_once(
     processes: Processes, peer_of
 ) -> None:
+    import rclpy
     from rosgraph_msgs.msg import Clock
     from sensor_msgs.msg import JointState
     from std_msgs.msg import Float64MultiArray
@@ -111,13 +112,17 @@ def test_nodes_that_disturb_the_arm_or_cannot_be_heard_are_named_once(
     other.node.create_publisher(Float64MultiArray, '/joint_commands', 10)
     other.node.create_publisher(Float64MultiArray, '/sim_arm/commands', 10)
     other.node.create_publisher(Clock, '/clock', 10)
-    peer.node.create_subscription(JointState, 'joint_states', lambda state: None, latched())
+    # As the graph names a node that it does not know yet, or for good: not one of ROS.
+    unnamed = rclpy.create_node('_NODE_NAME_UNKNOWN_', context=peer.context)
+    for node in (peer.node, unnamed):
+        node.create_subscription(JointState, 'joint_states', lambda state: None, latched())
     lines = (
         "node '/other/peer' publishes 'std_msgs/msg/Float64MultiArray' on /joint_commands, which "
         'has the type sensor_msgs/msg/JointState: no messages received; use /sim_arm/commands for '
         'this type',
         "node '/other/peer' publishes /clock too",
         "node '/peer' subscribes to /joint_states with incompatible QoS",
+        "node '/_NODE_NAME_UNKNOWN_' subscribes to /joint_states with incompatible QoS",
         "2 nodes publish commands on /sim_arm/commands: ['/other/peer', '/peer']; the newest",
     )
     for line in lines:

@@ -231,8 +231,7 @@ def test_a_servo_holds_after_the_last_command_and_a_reflex_is_logged(
     peer = peer_of(processes)
     peer.connect()
     peer.command(JOINTS, [], position=[0.1] * 6)
-    peer.let_pass(100)
-    assert np.any(peer.states[-1].effort)
+    peer.wait(lambda: np.any(peer.states[-1].effort))
     # It names the parameter of the stock hardware that is silent while nothing changes.
     arm.wait_for_text('no command for 0.2 s (command_timeout): servos hold the position; ')
     arm.wait_for_text('trigger_joint_command_threshold')

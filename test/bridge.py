@@ -370,6 +370,7 @@ PATCHED = {
     'Inbox_put': 'pfd_ros.node.inbox:Inbox.put',
     'lifecycle_introduce': 'pfd_ros.node.lifecycle:introduce',
     'lifecycle_report_arm': 'pfd_ros.node.lifecycle:report_arm',
+    'LIFECYCLE_END_SECONDS': 'pfd_ros.node.lifecycle:END_SECONDS',
     'lifecycle_SimArm': 'pfd_ros.node.lifecycle:SimArm',
     'LOST_CLOCK_SECONDS': 'pfd_ros.node.report:LOST_CLOCK_SECONDS',
     'MOST_FAILURES': 'pfd_ros.node.process:MOST_FAILURES',

@@ -142,6 +142,7 @@ def put_in(fault: str) -> None:
 def end_within(seconds: int) -> None:
     bridge.put('THREADS_END_SECONDS', seconds)
     bridge.put('PROCESS_END_SECONDS', seconds)
+    bridge.put('LIFECYCLE_END_SECONDS', seconds)
 
 
 def hang_at_exit() -> None:
@@ -152,6 +153,19 @@ def hang_at_exit() -> None:
 def hang_in_teardown() -> None:
     end_within(2)
     bridge.put('SimArmNode_destroy_node', hang_in_c)
+
+
+def configure(fault, seconds: int = 100) -> None:
+    """Call a function before an arm is made; the end of the node waits so long for it."""
+    end_within(seconds)
+    real = bridge.lifecycle_SimArm
+
+    def made(*args):
+        print('configures', flush=True)
+        fault()
+        return real(*args)
+
+    bridge.put('lifecycle_SimArm', made)
 
 
 def hang_in_a_step() -> None:
@@ -202,7 +216,9 @@ FAULTS = {
     'disk_is_dead': lambda: sync_within(3.0),
     'companion_fails': accompany,
     'stepping_hangs': hang_in_a_step,
-    'configuring_fails': lambda: bridge.put('lifecycle_SimArm', fail),
+    'configuring_fails': lambda: configure(fail),
+    'configuring_lasts': lambda: configure(lambda: time.sleep(1.0)),
+    'configuring_hangs': lambda: configure(hang_in_c, 1),
     'first_start_fails': lambda: fail_first('SimArm_start', "can't start new thread"),
     'first_reading_fails': lambda: fail_first('refuse_unknown_parameters', 'no parameters'),
     'first_introduction_fails': lambda: fail_first('lifecycle_introduce', 'no introduction'),

@@ -233,6 +233,26 @@ def test_a_fault_in_a_transition_is_logged_and_the_node_continues(
     assert "configure failed: KeyError: '{0}'" in node.text()
 
 
+@pytest.mark.parametrize(('fault', 'status'), [('configuring_lasts', 0), ('configuring_hangs', 1)])
+def test_a_signal_waits_for_the_transition_and_closes_the_file_before_the_next_one(
+    processes: Processes, peer_of, fault: str, status: int
+) -> None:
+    from lifecycle_msgs.msg import Transition
+    from lifecycle_msgs.srv import ChangeState
+
+    settings = ('-p', 'robot:=planar2', '-p', 'recording:=a.mcap')
+    node, peer = waiting(processes, *settings, fault=fault), peer_of(processes)
+    client = peer.node.create_client(ChangeState, '/sim_arm/change_state')
+    peer.wait(client.service_is_ready)
+    for label in ('configure', 'activate', 'deactivate', 'cleanup'):
+        client.call_async(ChangeState.Request(transition=Transition(label=label)))
+    node.wait_for_text('configures')
+    assert node.end(signal.SIGINT) == status, node.text()
+    assert ('a transition did not end within 1 s' in node.text()) == (status == 1)
+    if status == 0:
+        assert verify_log(processes.folder / 'a.mcap').complete
+
+
 @pytest.mark.parametrize(
     ('fault', 'error'),
     [

@@ -372,6 +372,7 @@ PATCHED = {
     'lifecycle_report_arm': 'pfd_ros.node.lifecycle:report_arm',
     'LIFECYCLE_END_SECONDS': 'pfd_ros.node.lifecycle:END_SECONDS',
     'lifecycle_SimArm': 'pfd_ros.node.lifecycle:SimArm',
+    'TRANSITION_SECONDS': 'pfd_ros.node.sim_arm:TRANSITION_SECONDS',
     'LOST_CLOCK_SECONDS': 'pfd_ros.node.report:LOST_CLOCK_SECONDS',
     'MOST_FAILURES': 'pfd_ros.node.process:MOST_FAILURES',
     'node_process_run': 'pfd_ros.node.process:run',

@@ -91,6 +91,7 @@ def step_after(count: int) -> None:
         enough.wait()
         real_run(stepper, stopped)
 
+    bridge.put('TRANSITION_SECONDS', 0.5)
     bridge.put('Inbox_put', put)
     bridge.put('Stepper_run', run)
 

@@ -114,6 +114,8 @@ def test_nodes_that_disturb_the_arm_or_cannot_be_heard_are_named_once(
     other.node.create_publisher(Clock, '/clock', 10)
     # As the graph names a node that it does not know yet, or for good: not one of ROS.
     unnamed = rclpy.create_node('_NODE_NAME_UNKNOWN_', context=peer.context)
+    twin = rclpy.create_node('sim_arm', context=peer.context, start_parameter_services=False)
+    twin.create_publisher(JointState, 'joint_states', 10)
     for node in (peer.node, unnamed):
         node.create_subscription(JointState, 'joint_states', lambda state: None, latched())
     lines = (
@@ -121,6 +123,7 @@ def test_nodes_that_disturb_the_arm_or_cannot_be_heard_are_named_once(
         'has the type sensor_msgs/msg/JointState: no messages received; use /sim_arm/commands for '
         'this type',
         "node '/other/peer' publishes /clock too",
+        'node of the same name publishes /joint_states too',
         "node '/peer' subscribes to /joint_states with incompatible QoS",
         "node '/_NODE_NAME_UNKNOWN_' subscribes to /joint_states with incompatible QoS",
         "2 nodes publish commands on /sim_arm/commands: ['/other/peer', '/peer']; the newest",
@@ -181,6 +184,7 @@ def test_diagnostics_report_each_task_of_the_node(processes: Processes, peer_of)
     foreign = peer.node.create_publisher(String, '/sim_arm/set_state', 1)
     peer.wait(lambda: told('commands', 'endpoints_with_qos_or_type_mismatch') == '1')
     assert of('commands')[0] == b'\x01'
+    assert told('commands', 'set_state.publishers') == '/peer'
     peer.node.destroy_publisher(foreign)
     peer.wait(lambda: told('commands', 'endpoints_with_qos_or_type_mismatch') == '0')
     peer.command(JOINTS, [1.0] * 5)

@@ -233,6 +233,23 @@ def test_a_fault_in_a_transition_is_logged_and_the_node_continues(
     assert "configure failed: KeyError: '{0}'" in node.text()
 
 
+def test_an_arm_that_answers_too_late_does_not_become_active(
+    processes: Processes, peer_of
+) -> None:
+    # What takes the request back is the second input.
+    node = waiting(processes, '-p', 'robot:=planar2', fault='first_step_after_2')
+    peer = peer_of(processes)
+    assert transition(peer, 'configure')
+    assert not transition(peer, 'activate')
+    assert 'activate failed: the arm did not answer within 0.5 s' in node.text()
+    peer.wait(peer.plain.get_subscription_count)
+    peer.plain_command([1.0, 1.0])
+    node.wait_for_text('rejected: refused (the arm is inactive)')
+    assert transition(peer, 'activate')
+    peer.let_pass(1)
+    node.stop()
+
+
 @pytest.mark.parametrize(('fault', 'status'), [('configuring_lasts', 0), ('configuring_hangs', 1)])
 def test_a_signal_waits_for_the_transition_and_closes_the_file_before_the_next_one(
     processes: Processes, peer_of, fault: str, status: int

@@ -113,19 +113,20 @@ def test_a_full_disk_stops_the_recording_and_not_the_arm(processes: Processes, p
 
 
 @pytest.mark.slow
-def test_a_flood_of_commands_drops_the_oldest_and_counts_them(
+def test_a_flood_of_commands_drops_the_oldest_of_them_and_no_request(
     processes: Processes, peer_of
 ) -> None:
     from rclpy.duration import Duration
 
     count = MOST_WAITING_INPUTS + 100
     arm = processes.faulty(
-        f'first_step_after_{count}',
+        f'first_step_after_{count + 1}',
         *('-p', 'recording:=arm.mcap'),
         *('-p', f'qos_overrides./sim_arm/commands.subscription.depth:={2 * count}'),
     )
     peer = peer_of(processes)
     peer.wait(peer.plain.get_subscription_count)
+    assert 'no answer within' in trigger(peer, 'reset').message
     for k in range(count):
         peer.plain_command([1e-6 * k] * 6)
         # The publisher keeps ten.
@@ -134,11 +135,12 @@ def test_a_flood_of_commands_drops_the_oldest_and_counts_them(
     peer.wait(lambda: peer.states and any(peer.states[-1].effort))
     assert peer.states[-1].effort.tolist() == [1e-6 * (count - 1)] * 6
     arm.stop()
-    assert '100 messages on /sim_arm/commands rejected: overflowed' in arm.text()
+    assert '101 messages on /sim_arm/commands rejected: overflowed' in arm.text()
     path = processes.folder / 'arm.mcap'
     assert verify_log(path).complete
-    taken = [m.cycle for m in RecordedLog(path).messages() if m.role == 'commands']
-    assert taken == [1] * MOST_WAITING_INPUTS
+    taken = [(m.role, m.cycle) for m in RecordedLog(path).messages() if m.cycle == 1]
+    found = [(role, taken.count((role, 1))) for role in ('requests', 'commands')]
+    assert found == [('requests', 1), ('commands', MOST_WAITING_INPUTS - 1)]
 
 
 @pytest.mark.slow

@@ -179,6 +179,11 @@ def test_lockstep_repeats_an_unanswered_state_and_takes_another_real_time_factor
     peer.wait(lambda: peer.states[-1].position.tolist() == [0.3, -0.2])
     assert not any(peer.states[-1].velocity)
     assert stamp_ns(peer.states[-1]) == settled_at + MILLISECOND
+    # A stamp of another clock is no answer.
+    peer.command(NAMES, [1.0, 1.0], stamp=1_700_000_000)
+    arm.wait_for_text('messages on /joint_commands rejected: future (')
+    assert 'use_sim_time' in arm.text()
+    assert not any(peer.states[-1].effort)
     again = processes.python(ANSWERING)
     again.wait_for_text('answers')
     peer.wait(lambda: stamp_ns(peer.states[-1]) > settled_at + 100 * MILLISECOND)

@@ -821,7 +821,10 @@ def test_a_test_runner_that_is_killed_leaves_no_process_behind(tmp_path: Path) -
     code = """
 import sys, time
 from pfd_ros.testing import ControllerProcess
-with ControllerProcess([sys.executable, '-c', 'import time; time.sleep(600)']) as process:
+code = 'import time; print(1, flush=True); time.sleep(600)'
+with ControllerProcess([sys.executable, '-c', code]) as process:
+    while not process.text():
+        time.sleep(0.01)
     print(process.pid, flush=True)
     time.sleep(60)
 """

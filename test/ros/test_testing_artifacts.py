@@ -96,11 +96,11 @@ def test_no_arm(sim_arm):
 """
 FAILING = ('settles', 'own_assertion', 'two_arms', 'nan', 'recorded', 'restored')
 NODES = """
-import os, sys
+import os, signal, sys
 import numpy as np
 import pytest
 import rclpy
-from pfd_ros.testing import ControllerError, NodeProcess, NodeProcessError
+from pfd_ros.testing import ControllerError, NodeProcess, NodeProcessError, process
 from rclpy.duration import Duration
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -122,7 +122,7 @@ def test_processes(sim_arm, controller_process, sim_node):
     motion = sim_arm(robot='ur5').spin(0.02, controller_process(command_of('states')))
     assert motion.notes == []
 
-def test_the_node(sim_node):
+def test_the_node(sim_node, tmp_path, monkeypatch):
     # Names of parameters or of settings, and numbers of single joints.
     more = {'bias_position': {'elbow': 0.25}, 'bias.velocity.elbow': 0.5}
     node = sim_node(robot='planar2', ros_args=['-r', '__ns:=/left'], **more)
@@ -140,6 +140,16 @@ def test_the_node(sim_node):
         with NodeProcess({'robot': 'planar2'}) as node:
             os.kill(node.pid, 9)
             node.process.wait()
+    log = tmp_path / 'a.mcap'
+    with pytest.raises(NodeProcessError, match='status 1(.|\\n)*the recording is incomplete'):
+        with NodeProcess({'robot': 'planar2', 'recording': str(log)}) as node:
+            while not log.exists():
+                assert node.end() == ''
+            log.unlink()
+    monkeypatch.setattr(process, 'NODE_END_SECONDS', 0.0)
+    with pytest.raises(NodeProcessError, match='the node did not end within 0 s'):
+        with NodeProcess({'robot': 'planar2'}) as node:
+            os.kill(node.pid, signal.SIGSTOP)
 
 def test_a_wait_in_c_ends(sim_arm, ros_domain):
     node = node_of('timer')
@@ -303,7 +313,7 @@ def test_nodes_processes_and_the_node_itself_are_in_the_domain_of_the_test(
     monkeypatch.setenv('PYTHONPATH', str(ROOT / 'test' / 'ros'))
     options = ['--sim-arm-artifacts', 'left']
     text = forked_session(site, tmp_path, NODES, options, status=1)
-    assert '1 failed, 6 passed' in text
+    assert '1 failed, 6 passed in ' in text
     log = tmp_path / 'left' / 'test_it.py_test_spins' / 'arm.mcap'
     assert pfd_main(['replay', str(log), '--verify']) == 0
     assert 'every bit equal' in capsys.readouterr().out

@@ -194,6 +194,7 @@ def test_equal_numbers_make_equal_robots_and_any_other_number_or_name_another() 
         ({'rotations': [np.diag([1, 1, -1])]}, "joint 'hinge' must be right-handed"),
         ({'rotations': [np.full((3, 3), 1e200)]}, "joint 'hinge' must be finite and at most"),
         ({'base_rotation': np.diag([1, 1, -1])}, "base_rotation of 'rod' must be right-handed"),
+        ({'root_rotation': np.eye(3) * 2}, "root_rotation of 'rod' must be orthonormal"),
         ({'inertias': [[[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]]}, "'hinge'.* must be symmetric"),
         ({'inertias': [np.diag([1, 1, -0.1])]}, "'hinge'.* must not be negative in any direction"),
     ],

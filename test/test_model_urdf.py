@@ -91,6 +91,81 @@ def test_a_chain_has_the_inertia_the_torques_and_the_frames_of_pinocchio(
     assert_same_frames(robot, text, choice.get('locked', {}))
 
 
+def mounted(side: str, y: float, rpy: str) -> tuple[str, ...]:
+    """Return links and joints of an arm on a tilted mount."""
+    return (
+        *(link(f'{side}_base'), link(f'{side}_1', 3, '0 0.02 0.15', J=BODY)),
+        link(f'{side}_2', 2, '0 0 0.2', J=BODY),
+        joint(f'{side}_mount', 'fixed', 'body', f'{side}_base', f'0 {y} 0.6', rpy),
+        joint(f'{side}_j1', 'revolute', f'{side}_base', f'{side}_1', '0 0 0.1'),
+        joint(f'{side}_j2', 'revolute', f'{side}_1', f'{side}_2', '0 0 0.3', axis='0 1 0'),
+    )
+
+
+# Two arms on the sides of a body, which is on a table that tilts.
+MOUNTED = urdf(
+    'mounted',
+    *(link('world'), link('table'), link('body', 9, J=BODY)),
+    joint('tilt', 'revolute', 'world', 'table', axis='0 1 0'),
+    joint('lift', 'prismatic', 'table', 'body', rpy='0.1 0 0.3'),
+    *mounted('left', 0.1, '-1.5707963267948966 0 0'),
+    *mounted('right', -0.1, '1.3 0.2 -0.4'),
+)
+
+
+@pytest.mark.parametrize(
+    ('text', 'choice'),
+    [
+        (MOUNTED, {'base': 'left_base', 'tip': 'left_2'}),
+        (MOUNTED, {'base': 'right_base', 'tip': 'right_2'}),
+        (MOUNTED, {'base': 'left_base', 'tip': 'left_2', 'locked': {'tilt': 0.5}}),
+        (MOUNTED, {'base': 'right_base', 'tip': 'right_2', 'locked': {'tilt': 0.5, 'lift': 0.2}}),
+        (ODD_ARM, {'base': 'pedestal'}),
+        (ODD_ARM, {'base': 'box', 'tip': 'hand', 'locked': {'j1': -0.7}}),
+        (TWO_ARMS, {'base': 'column', 'tip': 'right_fore'}),
+    ],
+    ids=range(7),
+)
+def test_gravity_belongs_to_the_root_whatever_link_is_the_base(
+    text: str, choice: dict[str, object]
+) -> None:
+    robot = pfd.load_robot(text, **choice)
+    locked = choice.get('locked', {})
+    assert_same_frames(robot, text, locked)
+    whole = pin.buildModelFromXML(text)
+    data = whole.createData()
+    at = [whole.joints[whole.getJointId(name)].idx_v for name in robot.joint_names]
+    rng = np.random.default_rng(3)
+    # In YAML and in URDF the robot keeps the direction of gravity.
+    again = pfd.load_robot(pfd.robot_to_yaml(robot))
+    assert again == robot
+    written = pfd.load_robot(pfd.robot_to_urdf(robot), base=robot.base, tip=robot.tip)
+    np.testing.assert_allclose(written.root_rotation, robot.root_rotation, atol=1e-14)
+    for gravity in ((0.0, 0.0, -9.81), (3.0, -2.0, 5.0)):
+        whole.gravity.linear = np.array(gravity)
+        scene = pfd.Scene(gravity=gravity)
+        torques, energy = (
+            pfd.compile_kernel(robot, scene=scene, quantity=quantity)
+            for quantity in ('gravity_torques', 'energy')
+        )
+        potential = []
+        for q in rng.uniform(-1.5, 1.5, (2, robot.n)):
+            whole_q = positions_in(whole, robot, q, locked)
+            wanted = pin.computeGeneralizedGravity(whole, data, whole_q)[at]
+            np.testing.assert_allclose(torques(q), wanted, rtol=0, atol=1e-12)
+            wanted = pin.computePotentialEnergy(whole, data, whole_q)
+            potential.append((energy(q, np.zeros(robot.n))[1], wanted))
+        (first, wanted_first), (second, wanted_second) = potential
+        assert second - first == pytest.approx(wanted_second - wanted_first, abs=1e-11)
+
+
+def test_robots_on_other_mounts_differ() -> None:
+    upright = pfd.load_robot(MOUNTED, base='left_base', tip='left_2')
+    tilted = pfd.load_robot(MOUNTED, base='left_base', tip='left_2', locked={'tilt': 0.5})
+    np.testing.assert_array_equal(upright.translations, tilted.translations)
+    assert upright != tilted
+
+
 def test_right_angles_leave_exact_zeros_and_ones() -> None:
     robot = pfd.load_robot(STRAIGHT_ARM, tip='flange')
     elements = np.concatenate([robot.rotations.ravel(), robot.base_rotation.ravel()])

@@ -268,12 +268,13 @@ def to_pinocchio(robot: pfd.Robot, armature: ArrayLike | None = None) -> pin.Mod
     """
     Return a robot as a Pinocchio model whose positions are ours, angle by angle.
 
-    Its world is the frame of the base link, its gravity Pinocchio's default of 9.81 along -z,
-    and the tip's frame is its last frame. Damping is left out, as Pinocchio ignores it in
-    aba and rnea; armature is zero unless given, (n,).
+    Its world is the frame of the base link, its gravity 9.81 along -z of the model's root, and
+    the tip's frame is its last frame. Damping is left out, as Pinocchio ignores it in aba and
+    rnea; armature is zero unless given, (n,).
     """
     model = pin.Model()
     model.name = robot.name
+    model.gravity.linear = robot.root_rotation.T @ model.gravity.linear
     placement = pin.SE3(robot.base_rotation, robot.base_position)
     for i in range(robot.n):
         axis = pin.JointModelPZ() if robot.joint_types[i] == 'prismatic' else pin.JointModelRZ()

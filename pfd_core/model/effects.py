@@ -467,7 +467,7 @@ EFFECTS: tuple[Effect, ...] = (
         LINKS,
         Field(
             'gravity',
-            'Acceleration of free fall, base frame',
+            'Acceleration of free fall, root frame',
             'm/s^2',
             kind=VECTOR,
             least=-math.inf,

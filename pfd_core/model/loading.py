@@ -81,9 +81,10 @@ def load_robot(
         needs the package xacro; its arguments have their defaults.
     base, tip : str, optional
         First and last link of the chain in a URDF; default: the root link, and the link that the
-        last joint moves. The base is fixed: links above it and other branches on it are cut
-        off. Branches on a moving link keep their mass, also beyond the tip, but their joints must
-        be locked.
+        last joint moves. The base is fixed: links above it and other branches on it are cut off.
+        Gravity stays in axes of the root; joints between root and base are at 0 or locked.
+        Branches on a moving link keep their mass, also beyond the tip, but their joints must be
+        locked.
     locked : mapping, optional
         Name of a joint -> position [rad, m] at which it becomes a fixed joint, and with it the
         joints of a URDF that mimic it.

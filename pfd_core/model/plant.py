@@ -36,6 +36,7 @@ from pfd_core.model.robot import (
     check_robot,
     link_label,
     own_inertia,
+    turned,
     with_payload,
 )
 from pfd_core.model.scene import Scene, given_scene
@@ -168,14 +169,17 @@ def resolve(
     }
     gravity = np.zeros(3) if scene.gravity is None else np.asarray(scene.gravity)
     gravity = np.array(arms.get('gravity', gravity))
+    to_frame_0 = robot.base_rotation.T
+    if turned(robot):
+        to_frame_0 = product(to_frame_0, robot.root_rotation.T)
     effects: dict[str, Array | None] = {}
     for effect in EFFECTS:
         effects |= effect.numbers(robot, values)
     plant = Plant(
         robot=with_payload(robot, scene.payload) if isinstance(scene.payload, Payload) else robot,
-        gravity=np.array(
-            [product(robot.base_rotation.T, g) for g in gravity.reshape(-1, 3)]
-        ).reshape(gravity.shape),
+        gravity=np.array([product(to_frame_0, g) for g in gravity.reshape(-1, 3)]).reshape(
+            gravity.shape
+        ),
         external_wrench=scene.external_wrench,
         brakes=scene.brakes,
         gravity_compensation=_compensation(robot, scene),

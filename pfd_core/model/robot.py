@@ -151,6 +151,8 @@ class Robot(FrozenArrays):
         J_i, (n, 3, 3) [kg m^2]: about the centre of mass, in the axes of frame i.
     base_rotation, base_position : ndarray
         (3, 3) and (3,) [m]: frame 0 in the frame of the base link.
+    root_rotation : ndarray
+        (3, 3): axes of the base link in the frame of the model's root, in which gravity is given.
     armature : ndarray
         (n,) [kg m^2, prismatic kg]: rotor inertia times the square of the gear ratio.
     position_lower, position_upper, velocity_limit, effort_limit : ndarray
@@ -185,6 +187,7 @@ class Robot(FrozenArrays):
     inertias: Array
     base_rotation: Array = field(default_factory=partial(np.eye, 3))
     base_position: Array = field(default_factory=partial(np.zeros, 3))
+    root_rotation: Array = field(default_factory=partial(np.eye, 3))
     armature: Array = _SILENT
     position_lower: Array = _SILENT
     position_upper: Array = _SILENT
@@ -204,7 +207,7 @@ class Robot(FrozenArrays):
         _check_names(self)
         silent = _silent(self)
         shapes = {key: (self.n, *shape) for key, shape in LINK_FIELDS.items()}
-        shapes |= {'base_rotation': (3, 3), 'base_position': (3,)}
+        shapes |= {'base_rotation': (3, 3), 'base_position': (3,), 'root_rotation': (3, 3)}
         shapes |= dict.fromkeys(JOINT_FIELDS, (self.n,))
         for key, shape in shapes.items():
             _check_numbers(self, key, shape)
@@ -244,13 +247,20 @@ class Robot(FrozenArrays):
     @cached_property
     def digest(self) -> str:
         """SHA-256 of all numbers and names except frames, as 64 hexadecimal digits."""
-        kept = (item.name for item in fields(self) if item.name not in _REMARKS)
+        kept = [item.name for item in fields(self) if item.name not in _REMARKS]
+        if not turned(self):
+            kept.remove('root_rotation')
         return digest_of({key: getattr(self, key) for key in kept})
 
     def __repr__(self) -> str:
         pairs = zip(self.joint_names, self.joint_types, strict=True)
         joints = ', '.join(f'{name} ({kind})' for name, kind in pairs)
         return f'<Robot {self.name!r}, n={self.n}: {joints}>'
+
+
+def turned(robot: Robot) -> bool:
+    """Return whether the base link is turned in the model's root, where gravity is given."""
+    return bool((robot.root_rotation != np.eye(3)).any())
 
 
 def check_robot(robot: object) -> None:
@@ -371,13 +381,14 @@ def _refuse(robot: Robot, key: str, wrong: NDArray[np.bool_], rule: str) -> None
         return
     value, index = getattr(robot, key), int(np.argwhere(wrong)[0][0])
     joint = ''
-    if not key.startswith('base_'):
+    if not key.startswith(('base_', 'root_')):
         value, joint = value[index], f' of joint {quote(robot.joint_names[index])}'
     raise ValueError(f'{quote(robot.name)}: {key}{joint} {rule}, got {quote(value.tolist())}')
 
 
 def _check_bodies(robot: Robot) -> None:
-    check_rotation(f'base_rotation of {quote(robot.name)}', robot.base_rotation)
+    for key in ('base_rotation', 'root_rotation'):
+        check_rotation(f'{key} of {quote(robot.name)}', getattr(robot, key))
     longest = max(float(np.abs(robot.translations).max()), float(np.abs(robot.centers).max()))
     for i, joint in enumerate(robot.joint_names):
         check_rotation(f'rotation of joint {quote(joint)}', robot.rotations[i])

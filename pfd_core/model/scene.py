@@ -67,7 +67,7 @@ class Scene:
     Attributes
     ----------
     gravity : array_like or None
-        Acceleration of free fall, (3,) [m/s^2], in the frame of the base link.
+        Acceleration of free fall, (3,) [m/s^2], in axes of the root of the model.
     damping : None, "model" or array_like
         Viscous friction of the joints, (n,) [N m s/rad].
     armature : None, "model", "estimated" or array_like

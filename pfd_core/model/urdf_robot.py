@@ -76,6 +76,7 @@ class Chain(NamedTuple):
     joints: list[Joint]  # that move, from the base to the tip
     below: list[Joint]  # below the held link, each after the joint above it, on this chain alone
     carriers: Mapping[str, Joint | None]  # of a link: the moving joint, or None for the base's
+    above: list[Joint]  # from the root to the held link
 
 
 def robot_from_urdf(
@@ -99,6 +100,8 @@ def robot_from_urdf(
         check_locked_position(name, position, *_bounds(urdf.joints[name]))
     frames = _link_frames(chain, at, slack)
     placements = _placements(chain, frames, slack)
+    above = (frame for joint in chain.above for frame in _steps(joint, at, slack))
+    root_rotation, _ = chained(AT_ORIGIN, *above, frames[chain.base])
     length = max(float(np.abs(p).max()) for _, p in placements)
     bodies = _bodies(urdf, chain, frames, length, slack)
     joints = chain.joints
@@ -122,6 +125,7 @@ def robot_from_urdf(
             name for name, j in urdf.joints.items() if _snapped(j.origin, slack) != j.origin
         ),
         **welded_frames(placements, bodies),
+        root_rotation=root_rotation,
         **from_stated(names, numbers),
         frames=_carried_frames(chain, frames, placements, length),
     )
@@ -194,7 +198,13 @@ def find_chain(
         )
     for joint in chain:
         _check_kind(joint)
-    return Chain(base, tip, held, chain, [j for j in below if j.child in carried], carried)
+    to_root: list[Joint] = []
+    link = held
+    while link in above:
+        to_root.insert(0, above[link])
+        link = above[link].parent
+    below = [joint for joint in below if joint.child in carried]
+    return Chain(base, tip, held, chain, below, carried, to_root)
 
 
 def _root(urdf: Urdf, above: Mapping[str, Joint], children: dict[str, list[Joint]]) -> str:
@@ -311,15 +321,18 @@ def _link_frames(chain: Chain, locked: Mapping[str, float], slack: float) -> dic
         if joint in chain.joints:
             frames[joint.child] = snapped(axis_rotation(joint.axis).T), np.zeros(3)
         else:
-            motion = _motion(joint, locked.get(joint.name, 0.0))
-            at = _placed(joint.origin, slack)
-            frames[joint.child] = chained(frames[joint.parent], at, motion)
+            frames[joint.child] = chained(frames[joint.parent], *_steps(joint, locked, slack))
     return frames
+
+
+def _steps(joint: Joint, locked: Mapping[str, float], slack: float) -> list[Placement]:
+    """Return the frames from the parent to the child link of a joint, at 0 if not locked."""
+    return [_placed(joint.origin, slack), _motion(joint, locked.get(joint.name, 0.0))]
 
 
 def _motion(joint: Joint, position: float) -> Placement:
     """Return the frame of the child link of a joint at a position [rad, m], from that at zero."""
-    if joint.kind == 'fixed':
+    if joint.kind not in JOINT_TYPES:
         return AT_ORIGIN
     turn = axis_rotation(joint.axis)
     if joint.kind == 'prismatic':

@@ -15,8 +15,10 @@ from collections.abc import Iterable, Mapping
 import math
 import xml.etree.ElementTree as ElementTree
 
+import numpy as np
+
 from pfd_core.model.geometry import Placement, chained, product
-from pfd_core.model.robot import LIMIT_FIELDS, UNSTATED, Robot, check_robot, stated
+from pfd_core.model.robot import LIMIT_FIELDS, UNSTATED, Robot, check_robot, stated, turned
 from pfd_core.model.urdf import INERTIA_KEYS, LARGEST_LIMIT, parse_urdf
 from pfd_core.model.values import Array, quote
 from pfd_core.model.yaml_files import ELEMENTS
@@ -36,6 +38,14 @@ def robot_to_urdf(robot: Robot) -> str:
     root = ElementTree.Element('robot', name=robot.name)
     _add(root, 'link', name=robot.base)
     names = [robot.base]
+    if turned(robot):
+        # Gravity is given in axes of the root.
+        above = 'root'
+        while above in robot.frames:
+            above += '_'
+        _add(root, 'link', name=above)
+        at = robot.root_rotation, np.zeros(3)
+        _add_connection(root, f'{robot.base}_fixed', 'fixed', above, robot.base, at)
     # The end of each link, which is the axis of the next joint, in the link's own frame.
     ends: list[Placement] = [(robot.base_rotation, robot.base_position)]
     for i, joint in enumerate(robot.joint_names):

@@ -24,7 +24,8 @@ friction} at the motor, carried to the joint by the gear; `accept_unphysical_ine
 published numbers break the triangle rule.
 
 `base` and `tip` are names of links, or {link, rotation, translation}: the placement of frame 0 in
-the base link; for modified_dh also the placement of the tip in the last joint's frame.
+the base link; for modified_dh also the placement of the tip in the last joint's frame. The base
+may also have `root_rotation`: its axes in the root of the model, in which gravity is given.
 
 `frames` has further frames by name, {link, rotation, translation}: fixed to link 1 to n and placed
 in that frame of `Robot`, or fixed to the base link, 0, and placed in its frame.
@@ -59,6 +60,7 @@ from pfd_core.model.robot import (
     check_robot,
     from_stated,
     stated,
+    turned,
 )
 from pfd_core.model.values import Array, number_from_text, quote, real_array, real_number, switch
 
@@ -195,6 +197,8 @@ def robot_to_yaml(robot: Robot, *, frames: bool = False) -> str:
         'rotation': robot.base_rotation.tolist(),
         'translation': robot.base_position.tolist(),
     }
+    if turned(robot):
+        base['root_rotation'] = robot.root_rotation.tolist()
     document: dict[str, Any] = {'robot': robot.name, 'source': robot.source}
     document |= {'base': base, 'tip': robot.tip, 'joints': joints}
     if frames:
@@ -219,7 +223,12 @@ def robot_from_yaml(text: str, source: str) -> Robot:
         raise ValueError(f'joints of {quote(name)} must be a list, got {quote(rows)}')
     joints = [_joint(i, row) for i, row in enumerate(rows)]
     names = tuple(joint.name for joint in joints)
-    (base, first), (tip, last) = (_end(end, document.get(end, end)) for end in ('base', 'tip'))
+    given_base: Any = document.get('base', 'base')
+    root = np.eye(3)
+    if isinstance(given_base, Mapping) and 'root_rotation' in given_base:
+        given_base = {**given_base}
+        root = _array('root_rotation in base', given_base.pop('root_rotation'), (3, 3))
+    (base, first), (tip, last) = _end('base', given_base), _end('tip', document.get('tip', 'tip'))
     further = document.get('frames', {})
     if not isinstance(further, Mapping):
         raise ValueError(f'frames must be a table of frames by name, got {quote(further)}')
@@ -232,6 +241,7 @@ def robot_from_yaml(text: str, source: str) -> Robot:
         source=document.get('source', source),
         accepted=tuple(joint.name for joint in joints if joint.accepted),
         **_chain(name, joints, first, last),
+        root_rotation=root,
         **from_stated(names, [joint.stated for joint in joints]),
         frames={frame: _frame(f'frame {quote(frame)}', row) for frame, row in further.items()},
     )

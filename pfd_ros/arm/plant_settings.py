@@ -155,7 +155,9 @@ _payload = partial(setting, dynamic=True)
 class PlantSettings:
     """The settings of the plant; settings of the joints come from the table of effects."""
 
-    gravity: tuple[float, ...] = setting((0.0, 0.0, -9.81), 'Gravity in the base frame, m/s^2')
+    gravity: tuple[float, ...] = setting(
+        (0.0, 0.0, -9.81), 'Gravity in the frame of the root link, m/s^2'
+    )
     scene: str = setting('', "Scene file (YAML) in the place of all effects above; '' takes those")
     gravity_compensation: bool = setting(
         False, 'Add the gravity torques of the robot without payload', dynamic=True

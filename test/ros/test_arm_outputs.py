@@ -114,6 +114,38 @@ def test_the_model_quantities_of_the_true_state_equal_pinocchio() -> None:
     np.testing.assert_allclose(pin.Quaternion(pose[3:]).matrix(), placement.rotation, atol=1e-12)
 
 
+TABLE = """<robot name="table"><link name="world"/><link name="top"/><link name="arm"><inertial>
+<origin xyz="0.3 0 0"/><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>
+</inertial></link>{}<joint name="j" type="revolute"><parent link="top"/><child link="arm"/>
+<axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="3" effort="90"/></joint></robot>"""
+TILT = """<joint name="tilt" type="revolute"><parent link="world"/><child link="top"/>
+<axis xyz="0 1 0"/><limit lower="-3" upper="3" velocity="3" effort="9"/></joint>"""
+
+
+@pytest.mark.parametrize('base', ['', 'world', 'top'])
+def test_gravity_is_given_in_axes_of_the_root_and_poses_in_axes_of_the_base_link(base) -> None:
+    engine = made(
+        robot=TABLE.format(TILT),
+        base_link=base,
+        locked=('tilt',),
+        locked_positions=(0.5,),
+        initial_positions=(np.pi / 2,),
+        outputs=('gravity_torques', 'tip_pose'),
+        tip_link='arm',
+    )
+    found = {m.role: m.data for m in engine.step()[0]}
+    # Down along the tilted table is x of its top.
+    torque = -2 * 9.81 * 0.3 * np.sin(0.5) * np.sin(np.pi / 2)
+    np.testing.assert_allclose(decoded('gravity_torques', found['gravity_torques']), [-torque])
+    numbers = decode_numbers(found['tip_pose'], ARM_ROLES['tip_pose'].type)
+    assert numbers.frame_id == (base or 'world')
+    turn = pin.Quaternion(np.array(numbers.values[3:])).matrix()
+    wanted = pin.rpy.rpyToMatrix(0, 0.0 if base == 'top' else 0.5, 0) @ pin.rpy.rpyToMatrix(
+        0, 0, np.pi / 2
+    )
+    np.testing.assert_allclose(turn, wanted, atol=1e-12)
+
+
 def test_the_outputs_fulfil_the_equation_of_motion_with_a_wrench_on_the_tip() -> None:
     engine = made(**UR5, joint_damping=(0.1,) * 6, external_wrench=True)
     k = [3.0, -2.0, 10.0, 0.1, 0.2, -0.3]

@@ -298,6 +298,8 @@ def _recover(given: argparse.Namespace) -> int:
     target = given.out or Path(given.log.with_suffix('.recovered.mcap').name)
     found = recover(given.log, target)
     print_lines(f'lost       {part}' for part in found.lost)
+    if found.losses > len(found.lost):
+        print_lines([f'lost       {found.losses} parts in all'])
     state = 'the log was incomplete' if found.lost else 'the log was whole'
     print_lines([f'{found.messages} messages in {target}; {state}'])
     return 0

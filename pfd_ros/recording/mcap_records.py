@@ -11,6 +11,7 @@ Source: the MCAP format specification, version 0.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from io import BytesIO
@@ -160,7 +161,8 @@ class _Fields(ReadDataStream):
 class Reader(StreamReader):
     """The reader of the package, from a place of a file on; no field reaches beyond its record.
 
-    No record reaches beyond one of `ends`. `done` is the place after the last whole record.
+    No record reaches beyond one of `ends`, which increase. `done` is the place after the last
+    whole record.
     """
 
     def __init__(self, stream: BinaryIO, at: int = 0, ends: Sequence[int] = ()) -> None:
@@ -187,8 +189,9 @@ class Reader(StreamReader):
         return end > len(MAGIC) and self._file.read() == MAGIC
 
     def _read_record(self, opcode: int, length: int) -> McapRecord | None:
-        begin = self.place
-        if any(begin < end < begin + length for end in self._ends):
+        begin, ends = self.place, self._ends
+        following = bisect_right(ends, begin)
+        if following < len(ends) and ends[following] < begin + length:
             raise EndOfFile
         body = self._stream.read(length)
         if len(body) < length:

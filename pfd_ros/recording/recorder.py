@@ -228,11 +228,9 @@ class Recorder:
 
     def _write_end(self) -> None:
         end = {EndKey.TOTALS: self._totals, EndKey.RECORDED: self.recorded, EndKey.CRC: self._crc}
-        # A metadata record is written at once, before a chunk that is still open.
-        self._writer.flush()
         if self._totals is not None:
             texts = {key: json.dumps(value) for key, value in end.items()}
-            self._writer.add_metadata(names.END, texts)
+            names.add_metadata(self._writer, names.END, texts)
         self._writer.finish()
         self._sync()
 

@@ -4,28 +4,40 @@
 
 The frames of the records lead through the file, and where one is damaged the index, if the file
 has one, leads to the next chunk. A chunk that was cut off or is damaged is left out. Metadata,
-attachments, schemas and channels are copied, schemas and channels also from the index; nothing is
-added.
+attachments, schemas and channels are copied in their order, schemas and channels also from the
+index; nothing is added.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from bisect import bisect_right
+from collections import Counter
+from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import dataclass, field
 import os
 from pathlib import Path
 import struct
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 
 from mcap.exceptions import EndOfFile, RecordLengthLimitExceeded
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
+from mcap.records import (
+    Attachment,
+    Channel,
+    Chunk,
+    ChunkIndex,
+    McapRecord,
+    Message,
+    Metadata,
+    Schema,
+)
 from mcap.stream_reader import CRCValidationError
 from mcap.writer import Writer
 
 from pfd_ros.files import new_file
-from pfd_ros.recording.format import LogError, damage_named
+from pfd_ros.recording.format import LogError, add_metadata, damage_named
 from pfd_ros.recording.mcap_records import (
     MAGIC,
     RECORD_BYTES,
@@ -36,15 +48,25 @@ from pfd_ros.recording.mcap_records import (
     unpacked,
 )
 
-# Lost parts that are kept: a hostile file could have any number.
-MOST_LOST = 1000
+# Lost parts that are named: a damaged file may have any number.
+NAMED = 20
+_FRAME = struct.Struct('<BQ')
 
 
-class Recovered(NamedTuple):
+@dataclass
+class Recovered:
     """The number of messages in the new file, and the parts that could not be read."""
 
-    messages: int
-    lost: list[str]
+    messages: int = 0
+    # The first of them, and the number of all.
+    lost: list[str] = field(default_factory=list)
+    losses: int = 0
+
+    def lose(self, part: str) -> None:
+        """Note a lost part."""
+        self.losses += 1
+        if len(self.lost) < NAMED:
+            self.lost.append(part)
 
 
 def recover(source: Path, target: Path) -> Recovered:
@@ -53,77 +75,100 @@ def recover(source: Path, target: Path) -> Recovered:
     LogError if the source is not an MCAP file; FileExistsError if the target exists; OSError if a
     file cannot be read or written, and the target is removed then.
     """
-    lost: list[str] = []
     with damage_named(source), opened(source) as stream:
         begin = stream.read(64)
         if not begin.startswith(MAGIC):
             raise LogError(f'{source} {foreign(begin)}')
         with new_file(target) as written:
-            messages = _copy(stream, written, lost)
-    return Recovered(messages, lost[:MOST_LOST])
+            return _copy(stream, written)
 
 
-def _copy(stream: BinaryIO, written: BinaryIO, lost: list[str]) -> int:
-    """Copy the readable records; return the number of messages."""
+def _copy(stream: BinaryIO, written: BinaryIO) -> Recovered:
+    """Copy the readable records."""
     profile, channels, schemas, chunks = '', dict[int, Channel](), dict[int, Schema](), list[int]()
     with suppress(Exception):  # damage has as many exceptions as parsers
         stream.seek(0)
         reader = SeekingReader(stream, record_size_limit=RECORD_BYTES)
         profile = reader.get_header().profile
         if (summary := reader.get_summary()) is not None:
+            # Records of the file take the place of these.
             channels, schemas = summary.channels, summary.schemas
-            places = sorted(index.chunk_start_offset for index in summary.chunk_indexes)
-            chunks = [place for place in places if _begins_chunk(stream, place)]
-    writer, messages = Writer(written, enable_data_crcs=True), 0
+            chunks = _places(stream, summary.chunk_indexes)
+    found, orphans = Recovered(), Counter[int]()
+    writer = Writer(written, enable_data_crcs=True)
     writer.start(profile, 'pfd recover')
     # Numbers in the new file, whose writer counts anew.
     new_channels, new_schemas = dict[int, int](), {0: 0}
-    for record in _readable(stream, chunks, lost):
+
+    def schema_of(number: int) -> int | None:
+        """Return a schema of the new file, added at its first use; None if it is lost."""
+        if number not in new_schemas and number in schemas:
+            schema = schemas[number]
+            new_schemas[number] = writer.register_schema(schema.name, schema.encoding, schema.data)
+        return new_schemas.get(number)
+
+    def channel_of(number: int) -> int | None:
+        """Return a channel of the new file, added at its first use; None if it is lost."""
+        if number not in new_channels and number in channels:
+            channel = channels[number]
+            if (schema := schema_of(channel.schema_id)) is not None:
+                new_channels[number] = writer.register_channel(
+                    channel.topic, channel.message_encoding, schema, channel.metadata
+                )
+        return new_channels.get(number)
+
+    for record in _readable(stream, chunks, found.lose):
         if isinstance(record, Schema):
             schemas[record.id] = record
         elif isinstance(record, Channel):
             channels[record.id] = record
+            channel_of(record.id)
         elif isinstance(record, Metadata):
-            writer.add_metadata(record.name, record.metadata)
+            add_metadata(writer, record.name, record.metadata)
         elif isinstance(record, Attachment):
+            writer.flush()
             times = record.create_time, record.log_time
             writer.add_attachment(*times, record.name, record.media_type, record.data)
         elif isinstance(record, Message):
-            number = record.channel_id
-            if number not in new_channels:
-                channel = channels.get(number)
-                if channel is None or channel.schema_id not in {0, *schemas}:
-                    lost.append(f'a message of channel {number}, which is lost')
-                    continue
-                if channel.schema_id not in new_schemas:
-                    schema = schemas[channel.schema_id]
-                    described = schema.name, schema.encoding, schema.data
-                    new_schemas[schema.id] = writer.register_schema(*described)
-                new_channels[number] = writer.register_channel(
-                    channel.topic,
-                    channel.message_encoding,
-                    new_schemas[channel.schema_id],
-                    channel.metadata,
-                )
+            new = channel_of(record.channel_id)
+            if new is None:
+                orphans[record.channel_id] += 1
+                continue
             times = record.log_time, record.publish_time
-            new = new_channels[number]
             writer.add_message(new, times[0], record.data, times[1], record.sequence)
-            messages += 1
+            found.messages += 1
+    for number in schemas:
+        schema_of(number)
+    for number in channels:
+        if channel_of(number) is None:
+            orphans[number] += 0
+    for number, count in orphans.items():
+        found.lose(f'{count} messages of channel {number}, whose description is lost')
     writer.finish()
-    return messages
+    return found
 
 
-def _begins_chunk(stream: BinaryIO, place: int) -> bool:
-    stream.seek(place)
-    return stream.read(1)[0] == Opcode.CHUNK
+def _places(stream: BinaryIO, indexes: list[ChunkIndex]) -> list[int]:
+    """Return the places of the chunks that an index is right about, increasing."""
+    places, size = set[int](), os.fstat(stream.fileno()).st_size
+    for index in indexes:
+        if index.chunk_start_offset > size - _FRAME.size:
+            continue
+        stream.seek(index.chunk_start_offset)
+        opcode, length = _FRAME.unpack(stream.read(_FRAME.size))
+        if (opcode, length + _FRAME.size) == (Opcode.CHUNK, index.chunk_length):
+            places.add(index.chunk_start_offset)
+    return sorted(places)
 
 
-def _readable(stream: BinaryIO, chunks: list[int], lost: list[str]) -> Iterator[McapRecord]:
+def _readable(
+    stream: BinaryIO, chunks: list[int], lose: Callable[[str], None]
+) -> Iterator[McapRecord]:
     """Yield the records that can be read, and note the parts that cannot.
 
     `chunks` are the places of the chunks by the index, increasing; none without an index.
     """
-    at, size = 0, os.fstat(stream.fileno()).st_size
+    at, size, damaged = 0, os.fstat(stream.fileno()).st_size, False
     while True:
         reader = Reader(stream, at, chunks)
         try:
@@ -137,17 +182,19 @@ def _readable(stream: BinaryIO, chunks: list[int], lost: list[str]) -> Iterator[
                 yield from list(records_of(unpacked(found)))
             if reader.place == size:
                 return
-            at = reader.place  # another file follows
+            bad, why = reader.place, 'they follow a footer'
         except (EndOfFile, struct.error, RecordLengthLimitExceeded):  # damage of a frame, or a cut
-            bad = reader.done
-            following = next((place for place in chunks if place > bad), None)
-            if following is None:
-                lost.append(f'the end, from byte {bad} on')
-                return
-            lost.append(f'{following - bad} bytes at byte {bad}: their length is damaged')
-            at = following
+            bad, why = reader.done, 'their length is damaged'
         except Exception as error:  # damage has as many exceptions as parsers
             at = reader.place
             # After other damage the checksum of all data says nothing more.
-            if not (lost and isinstance(error, CRCValidationError)):
-                lost.append(f'bytes before byte {at}: {error or type(error).__name__}')
+            if not (damaged and isinstance(error, CRCValidationError)):
+                lose(f'bytes before byte {at}: {error or type(error).__name__}')
+            damaged = True
+            continue
+        damaged, following = True, bisect_right(chunks, bad)
+        if following == len(chunks):
+            lose(f'the end, from byte {bad} on')
+            return
+        at = chunks[following]
+        lose(f'{at - bad} bytes at byte {bad}: {why}')

@@ -8,7 +8,7 @@ from pathlib import Path
 import random
 import struct
 
-from bridge import MCAP_MAGIC, LogError, recover_log, verify_log
+from bridge import MCAP_MAGIC, LogError, pfd_main, recover_log, verify_log
 from mcap.reader import make_reader
 from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, IndexType, Writer
@@ -31,6 +31,16 @@ def messages(path: Path) -> list[Found]:
 def chunks(path: Path) -> list[ChunkIndex]:
     with path.open('rb') as stream:
         return list(make_reader(stream).get_summary().chunk_indexes)
+
+
+def described(path: Path) -> set[tuple[str, str, str, tuple[tuple[str, str], ...]]]:
+    """Return topic, encoding, type and metadata of the channels."""
+    with path.open('rb') as stream:
+        found = make_reader(stream).get_summary()
+    return {
+        (c.topic, c.message_encoding, found.schemas[c.schema_id].name, (*c.metadata.items(),))
+        for c in found.channels.values()
+    }
 
 
 @pytest.fixture(scope='module')
@@ -59,6 +69,23 @@ def test_of_a_whole_file_nothing_is_lost(source: Path, tmp_path: Path) -> None:
     assert (kept, lost) == (messages(source), [])
     assert verify_log(tmp_path / 'whole.mcap') == verify_log(source)
     assert verify_log(source).complete
+    # Channels without messages, too.
+    assert described(tmp_path / 'whole.mcap') == described(source)
+    assert {topic for topic, *_ in described(source)} > {topic for topic, *_ in kept}
+
+
+def test_a_cut_of_a_recovered_file_is_seen(source: Path, tmp_path: Path) -> None:
+    recovered(source.read_bytes(), tmp_path)
+    data, last = (tmp_path / 'whole.mcap').read_bytes(), chunks(tmp_path / 'whole.mcap')[-1]
+    (tmp_path / 'cut.mcap').write_bytes(data[: last.chunk_start_offset])
+    assert not verify_log(tmp_path / 'cut.mcap').complete
+
+
+def test_what_follows_a_whole_file_is_reported(source: Path, tmp_path: Path) -> None:
+    data = source.read_bytes()
+    kept, lost = recovered(data + data, tmp_path)
+    assert kept == messages(source)
+    assert [f'byte {len(data)} ' in part for part in lost] == [True]
 
 
 def test_a_cut_costs_the_chunk_that_it_is_in(source: Path, tmp_path: Path) -> None:
@@ -124,6 +151,34 @@ def test_a_damaged_index_costs_no_message(source: Path, tmp_path: Path) -> None:
         damaged = bytearray(data)
         damaged[place] ^= 4
         assert recovered(bytes(damaged), tmp_path)[0] == every
+
+
+@pytest.mark.parametrize('offset', [3, 1 << 40, (1 << 64) - 1])
+def test_the_entries_of_the_index_that_are_right_are_used(
+    offset: int, source: Path, tmp_path: Path
+) -> None:
+    data = bytearray(source.read_bytes())
+    (begin,) = struct.unpack('<Q', data[-28:-20])
+    at, other = (chunks(source)[k].chunk_start_offset for k in (4, 9))
+    data[at + 1 : at + 9] = struct.pack('<Q', 1 << 20)
+    expected = recovered(bytes(data), tmp_path)
+    place = data.index(struct.pack('<Q', other), begin)
+    data[place : place + 8] = struct.pack('<Q', offset)
+    assert recovered(bytes(data), tmp_path) == expected
+
+
+def test_of_many_lost_parts_some_are_named_and_all_counted(
+    source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = rewritten(source, tmp_path / 'many.mcap', chunk=300)
+    data, many = bytearray(path.read_bytes()), chunks(path)
+    for chunk in many:
+        data[chunk.chunk_start_offset + chunk.chunk_length - 5] ^= 8
+    path.write_bytes(data)
+    assert pfd_main(['recover', str(path), '--out', str(tmp_path / 'whole.mcap')]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert 20 < len(lines) == 22 < len(many)
+    assert lines[-2].split() == ['lost', str(len(many)), 'parts', 'in', 'all']
 
 
 def test_damage_outside_the_chunks_is_reported(source: Path, tmp_path: Path) -> None:

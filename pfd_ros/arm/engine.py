@@ -59,8 +59,10 @@ PER_RUN = frozenset(
 class Engine(Arm):
     """The arm, the rules for its inputs, and its outputs, at the start of a run.
 
-    Nothing but the messages of `roles` is encoded, and the arm moves with the same bits. `frames`
-    are those of the links, for recordings. ValueError if the settings do not go with the robot.
+    Nothing but the messages of `roles` is encoded, and the arm moves with the same bits. Optional
+    outputs are among them as far as the settings enable them, the wrench on the tip if there is
+    one. `frames` are those of the links, for recordings. ValueError if the settings do not go with
+    the robot.
     """
 
     def __init__(
@@ -71,7 +73,9 @@ class Engine(Arm):
         frames: LinkFrames | None = None,
     ) -> None:
         super().__init__(settings, robot)
-        self.roles, self.frames = frozenset(roles), frames
+        disabled = set(events.OPTIONAL).difference(settings.outputs)
+        disabled -= {events.TIP_WRENCH} if self.wrenched else set()
+        self.roles, self.frames = frozenset(roles) - disabled, frames
         self.outputs = Outputs(self, self.roles, frames)
         self._inputs = self.roles.intersection(events.INPUTS)
         self._every, self._follows = settings.publish_every, settings.follows_clock

@@ -61,9 +61,7 @@ class Outputs:
             self.timed.append((events.CLOCK, settings.clock_every, encode_clock))
         if frames is not None and events.TF in frames.roles.intersection(roles):
             self.timed.append((events.TF, frames.every, partial(_frames, frames, arm)))
-        wrench = (events.TIP_WRENCH,) * arm.wrenched
-        enabled = {*settings.outputs, *wrench}.intersection(roles)
-        self._further = [role for role in OPTIONAL if role in enabled]
+        self._further = [role for role in OPTIONAL if role in roles]
         # Whether cycles with a state have any message.
         self.shows = self._states or bool(self._further)
         # In model order, as kernels are bound to them.

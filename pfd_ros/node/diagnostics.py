@@ -207,7 +207,7 @@ class ArmDiagnostics:
             'cycles_beyond_velocity_limits': now['fast'],
             'control_period_s': period,
         }
-        if settings.external_wrench:
+        if engine.wrenched:
             values |= {
                 'external_wrench': _numbers(state.wrench[NEXT], '.6g'),
                 'external_wrench_frame': engine.robot.tip,

@@ -49,7 +49,6 @@ from pfd_ros.node.threads import Threads
 from pfd_ros.text import cut
 
 if TYPE_CHECKING:
-    from pfd_ros.arm.frames import LinkFrames
     from pfd_ros.recording.recorder import Recorder
 
 # `ros2 launch` and `docker stop` wait 10 s between the first signal and SIGKILL.
@@ -92,7 +91,9 @@ class SimArm:
             frames = model.recorded_frames(settings, log.warning)
             roles = topic_roles(settings) | {REQUESTS, PARAMETERS}
             if settings.recording:
-                roles |= recorded_roles(settings, frames)
+                roles |= {REJECTED_COUNTS, DIAGNOSTICS, TRANSITIONS}
+                # Pages and views show it.
+                roles |= {TIP_WRENCH, *(frames.roles if frames is not None else ())}
             self.engine = Engine(settings, model.robot, roles, frames)
             kernels = MassKernels(self.engine)
         inbox = self.inbox = Inbox(report.count)
@@ -211,15 +212,6 @@ class SimArm:
         }
         for kind, entity in self._entities:
             destroy[kind](entity)
-
-
-def recorded_roles(settings: Settings, frames: LinkFrames | None) -> set[str]:
-    """Return the roles that only recordings have."""
-    roles = {REJECTED_COUNTS, DIAGNOSTICS, TRANSITIONS}
-    if settings.external_wrench:
-        # Pages and views show it.
-        roles.add(TIP_WRENCH)
-    return roles if frames is None else roles | frames.roles
 
 
 def _entities(node: Node) -> Iterator[tuple[str, Any]]:

@@ -25,7 +25,7 @@ import zlib
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
 import pfd_core as pfd
-from pfd_ros.arm.events import CLOCK, CLOCK_TICKS, ROLES, Message
+from pfd_ros.arm.events import CLOCK, CLOCK_TICKS, REQUESTS, ROLES, Message
 from pfd_ros.messages.definitions import definition_of, type_hash
 from pfd_ros.messages.qos import Qos, qos_text
 from pfd_ros.recording import format as names
@@ -46,6 +46,7 @@ QUEUE_BYTES, EACH_BYTES = 1 << 26, 200
 # Compressing a chunk of this size takes a millisecond, in which the arm does not step.
 CHUNK_BYTES = 1 << 18
 READABLE = '; the part written so far is readable'
+TOO_SLOW = f'the disk is too slow{READABLE}'
 TAKEN = 'the file was removed, moved, replaced or truncated'
 
 
@@ -123,7 +124,7 @@ class Recorder:
             self._queue.append((wall_ns, stamp_ns, messages, size))
             self._bytes += size
         if self._bytes > QUEUE_BYTES:
-            self._fail(f'the disk is too slow{READABLE}')
+            self.fail(TOO_SLOW)
 
     @property
     def waiting_share(self) -> float:
@@ -141,7 +142,7 @@ class Recorder:
             self._closing.set()
         self._thread.join(seconds)
         if self._thread.is_alive():
-            self._fail(f'closing took longer than {seconds:g} s: the end may be missing{READABLE}')
+            self.fail(f'closing took longer than {seconds:g} s: the end may be missing{READABLE}')
 
     def _write_head(self, engine: Engine, topics: Mapping[str, str]) -> dict[str, int]:
         """Write settings, robot and channels; return the channel of each role."""
@@ -173,7 +174,7 @@ class Recorder:
         writer.flush()
         return ids
 
-    def _fail(self, why: str) -> None:
+    def fail(self, why: str) -> None:
         """End the recording, once: free the queue and report."""
         with self._lock:
             if self.error:
@@ -196,7 +197,7 @@ class Recorder:
                 self._write_end()
         except Exception as error:  # a fault of the disk does not stop the arm
             known = isinstance(error, OSError) and error.strerror
-            self._fail(f'{known}{READABLE}' if known else str(error) or type(error).__name__)
+            self.fail(f'{known}{READABLE}' if known else str(error) or type(error).__name__)
         finally:
             with suppress(OSError):  # no room for what closing writes
                 self._stream.close()
@@ -210,7 +211,7 @@ class Recorder:
         while time.monotonic() < until:
             try:
                 wall_ns, stamp_ns, messages, size = self._queue.popleft()
-            except IndexError:  # empty, by this thread or by `_fail`
+            except IndexError:  # empty, by this thread or by `fail`
                 break
             times = (stamp_ns, wall_ns) if self._simulated else (wall_ns, stamp_ns)
             # An aside of another thread may be late.
@@ -263,11 +264,20 @@ def totals_of(engine: Engine) -> dict[str, Any]:
     }
 
 
-def topic_names(roles: Collection[str]) -> dict[str, str]:
-    """Return the topic of each role in a run without ROS, in the order of ROLES."""
+def topic_names(roles: Collection[str], given: Mapping[str, str] = {}) -> dict[str, str]:
+    """Return the topic of each role in a run without ROS, in the order of ROLES.
+
+    `given` are the topics of another run by role: they stay, and new ones are of its node.
+    """
+    node, _, _ = given.get(REQUESTS, '/sim_arm/requests').rpartition('/')
+    namespace, _, _ = node.rpartition('/')
     found = {}
     for role in [role for role in ROLES if role in roles]:
-        # The arm's own clock may have a channel too, and a file has one for a topic.
-        topic = '~/clock_ticks' if role == CLOCK_TICKS and CLOCK in roles else ROLES[role].topic
-        found[role] = f'/{topic.lstrip("/")}'.replace('/~', '/sim_arm')
+        topic = given.get(role, ROLES[role].topic)
+        if role == CLOCK_TICKS and CLOCK in roles:
+            # The arm's own clock has a channel too, and a file has one for a topic.
+            topic = '~/clock_ticks'
+        if topic.startswith('~'):
+            topic = f'{node}{topic[1:]}'
+        found[role] = topic if topic.startswith('/') else f'{namespace}/{topic}'
     return found

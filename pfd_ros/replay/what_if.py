@@ -34,7 +34,13 @@ from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
 from pfd_ros.recording.arrays import LogArrays, read_log
 from pfd_ros.recording.format import LogError, OtherLogError, damage_named
 from pfd_ros.recording.log import Log
-from pfd_ros.recording.recorder import DISK_SECONDS, Recorder, topic_names, totals_of
+from pfd_ros.recording.recorder import (
+    DISK_SECONDS,
+    TOO_SLOW,
+    Recorder,
+    topic_names,
+    totals_of,
+)
 from pfd_ros.recording.topic_arrays import TopicArrays
 from pfd_ros.replay.bag_inputs import BagInputs
 from pfd_ros.replay.changed_settings import Changes, changed_arm, described_arm, read_changes
@@ -241,7 +247,7 @@ def _curves(one: _States, two: _States, until: float) -> Curves:
 
 
 def _new_states(case: _Case, path: Path) -> _States:
-    topic = case.topics.get(STATES) or topic_names([STATES])[STATES]
+    topic = topic_names([STATES], case.topics)[STATES]
     found = read_log(path, topics=[topic])[topic]
     return _States(topic, found, _stamps_ns(found) - case.start_ns)
 
@@ -329,8 +335,7 @@ def _unreadable(log: LogArrays, *topics: str) -> list[str]:
 def _engine(case: _Case, settings: Settings) -> Engine:
     frames = link_frames(case.urdf, settings, case.robot) if case.urdf else None
     roles = {*events.INPUTS, events.REJECTED, events.REJECTED_COUNTS, events.PAYLOAD_IN_USE}
-    roles |= {STATES, *settings.outputs, *(frames.roles if frames is not None else ())}
-    roles |= {events.TIP_WRENCH} if settings.external_wrench else set()
+    roles |= {STATES, *events.OPTIONAL, *(frames.roles if frames is not None else ())}
     roles |= {events.CLOCK} if settings.publish_clock else set()
     return Engine(settings, case.robot, roles, frames)
 
@@ -344,8 +349,7 @@ def _recorded_run(
     nudged: bool = False,
 ) -> Run:
     """Run an arm under the inputs of the log, and record it; without a result no file is left."""
-    named = topic_names(engine.roles)
-    topics = named | {role: topic for role, topic in case.topics.items() if role in named}
+    topics = topic_names(engine.roles, case.topics)
     recorder = Recorder(target, engine, topics, lambda line: None)
     first, whole = engine.stamp_ns, max(1.0, float(np.ptp(case.old.times_ns)))
 
@@ -354,8 +358,10 @@ def _recorded_run(
         until = time.monotonic() + DISK_SECONDS
         while recorder.waiting_share > FULL and time.monotonic() < until:
             time.sleep(0.01)
-        if recorder.error or recorder.waiting_share > FULL:
-            raise OSError(recorder.error or f'{target}: the disk is too slow')
+        if recorder.waiting_share > FULL:
+            recorder.fail(TOO_SLOW)
+        if recorder.error:
+            raise OSError(recorder.error)
         if progress is not None and engine.state.cycle % 1024 == 0:
             progress(min(1.0, (stamp_ns - first) / whole))
 

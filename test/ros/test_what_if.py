@@ -27,7 +27,7 @@ from bridge import (
 from logs import Row, joint_state, string, write_mcap
 import numpy as np
 import pytest
-from recordings import rewritten, simulate
+from recordings import Run, rewritten, simulate
 
 import pfd_core as pfd
 from pfd_ros import read_log
@@ -302,11 +302,12 @@ def test_a_scene_file_takes_the_place_of_all_effects(tmp_path: Path) -> None:
     settings = {'joint_friction': (0.3, 0.4), 'gravity': (0.0, 0.0, -1.0)}
     events = {3: [efforts(1.0, 2.0)]}
     simulate(tmp_path / 'a.mcap', 80, events, **settings)
-    scene = pfd.Scene(friction=(0.1, 0.2))
+    scene = pfd.Scene(friction=(0.1, 0.2), external_wrench=True)
     scene.save(tmp_path / 'scene.yaml')
     found = what_if(tmp_path / 'a.mcap', [f'scene={tmp_path / "scene.yaml"}'])
     simulate(tmp_path / 'b.mcap', 80, events, scene=pfd.scene_to_yaml(scene))
     assert states_of(found.log) == states_of(tmp_path / 'b.mcap')
+    assert len(read_log(found.log)['/sim_arm/tip_wrench']) == 80
     with pytest.raises(ValueError, match=r'friction cannot be changed by itself.*scene=FILE'):
         what_if(found.log, ['friction=[1, 2]'])
     # None of them.
@@ -415,6 +416,30 @@ def test_the_result_is_rows_for_people_and_json(swing: Path) -> None:
     assert 0.0 <= seen[0] < seen[-1] <= 1.0
 
 
+def test_topics_stay_and_new_ones_are_of_the_same_node(tmp_path: Path) -> None:
+    topics = {'requests': '/ns/arm/requests', 'joint_states': '/ns/joint_states'}
+    with_topics = Run(tmp_path / 'a.mcap', topics=topics)
+    with_topics.step(efforts(1.0, 2.0), times=5)
+    with_topics.close()
+    found = what_if(tmp_path / 'a.mcap', ['outputs=energy'])
+    filled = {message.role for message in RecordedLog(found.log).messages()}
+    topics = RecordedLog(found.log).topics
+    assert {topics[role] for role in filled} == {
+        '/sim_arm/commands',
+        '/ns/joint_states',
+        '/ns/arm/energy',
+        '/clock',
+    }
+
+
+def test_a_what_if_of_a_what_if_publishes_its_clock_again(swing: Path) -> None:
+    silent = what_if(swing, ['publish_clock=false']).log
+    again = what_if(silent, ['publish_clock=true']).log
+    assert [m.data for m in RecordedLog(again).messages() if m.role == 'clock'] == [
+        m.data for m in RecordedLog(swing).messages() if m.role == 'clock'
+    ]
+
+
 def test_nothing_is_overwritten(swing: Path, tmp_path: Path) -> None:
     names = [what_if(swing).log.name for _ in range(2)]
     assert names == ['swing_what_if.mcap', 'swing_what_if_2.mcap']
@@ -425,7 +450,7 @@ def test_nothing_is_overwritten(swing: Path, tmp_path: Path) -> None:
     assert taken.read_bytes() == b'mine'
 
 
-def test_a_disk_that_hangs_or_an_interruption_ends_the_run_and_leaves_no_file(
+def test_an_interruption_leaves_no_file_and_a_disk_that_hangs_what_is_written(
     swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def stop(share: float) -> None:
@@ -436,9 +461,9 @@ def test_a_disk_that_hangs_or_an_interruption_ends_the_run_and_leaves_no_file(
     assert list(Path().iterdir()) == []
     monkeypatch.setattr(LogRecorder, 'waiting_share', 1.0)
     monkeypatch.setattr(*bridge.target('WHAT_IF_DISK_SECONDS'), 0.05)
-    with pytest.raises(OSError, match=r'swing_what_if\.mcap: the disk is too slow'):
+    with pytest.raises(OSError, match=r'swing_what_if\.mcap stopped: the disk is too slow'):
         what_if(swing)
-    assert list(Path().iterdir()) == []
+    assert not verify_log(Path('swing_what_if.mcap')).complete
 
 
 @pytest.mark.parametrize(

@@ -155,7 +155,7 @@ def steps_of(
     Return the steps of a program on its machine.
 
     Cells of the array that act in one cycle are one step; a route brings each antidiagonal of H to
-    the rows of the array (pfd_core.paper.array.streams).
+    the rows of the array (pfd_core.paper.array.stream_steps).
     """
     steps = networks.steps(program, network, one.processors, iterations=iterations)
     if one.method != 'pcrbm_array':

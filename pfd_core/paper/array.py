@@ -35,9 +35,7 @@ way back is ours: in Table 1 n general-purpose processors are used alongside the
 The drawing of Figure 1 is not available; the streams of the printed design are reconstructed from
 the description. Column i gets h_ii ... h_ni and the flag * from below, from cycle 3i - 2; row k
 gets h_(k+1)k ... h_nk, h_kk from the left, from cycle 2k. A cell keeps the first item that comes
-from below, h_ki, and sends the others on. The times of the paper follow: h_n1 is stored at 2n - 1,
-h_nn and the flag meet in P_n1 at 2n, the last result leaves at 3n - 1. (That all input is stored
-after 2n - 1 cycles holds for column 1 only; h_nn is stored in P_nn at 3n - 2.)
+from below, h_ki, and sends the others on. The last result leaves at 3n - 1, as in the paper.
 
 Cost of the whole solve, all cells together: (n^3 - n)/6 + n(n - 1) multiplications and as many
 additions, n(n - 1)/2 + 2n divisions, n square roots. A cell multiplies and subtracts, divides
@@ -49,7 +47,7 @@ records a program. There lane 0 holds every number of the array.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 import math
 from typing import Any, NamedTuple
 
@@ -183,23 +181,18 @@ def triangle(n: int, circular: Cell, square: Cell, *, back: bool) -> Array:
     return Array(cells, links)
 
 
-def clock(problems: Sequence[Problem], interval: int | None = None, turn: bool = False) -> Trace:
+def clock(problems: Sequence[Problem], turn: bool = False) -> Trace:
     """
-    Run the corrected array on one matrix or several of the same size.
+    Run the corrected array on one matrix or several of the same size, without a pause between.
 
-    A problem follows the one before after `interval` cycles, by default the fewest possible. With
-    `turn` the array runs back and solves: one problem with a right-hand side. ValueError for an
-    interval that is shorter than the longest stream.
+    With `turn` the array runs back and solves: one problem with a right-hand side.
     """
     n, length = len(problems[0]), len(problems[0][0])
-    interval = length if interval is None else interval
-    if interval < length:
-        raise ValueError(f'interval must be at least {length} cycles, got {interval}')
     streams: dict[Link, dict[int, Any]] = {into((k, 1), 'left'): {} for k in range(1, n + 1)}
     for p, problem in enumerate(problems):
         for k, stream in enumerate(streams.values(), 1):
             items = [Item(value, '' if m else FLAG) for m, value in enumerate(problem[k - 1])]
-            stream.update(enumerate(items, 2 * k - 1 + p * interval))
+            stream.update(enumerate(items, 2 * k - 1 + p * length))
     if turn:
         streams[into((n, 1), 'left')][2 * n + 1] = Item(None, TURN)
     return triangle(n, circular, square, back=True).run(streams)
@@ -224,14 +217,13 @@ class Factors(NamedTuple):
 def pipeline(
     matrices: Sequence[NDArray[Any]],
     right_sides: Sequence[NDArray[Any]] | None = None,
-    interval: int | None = None,
     turn: bool = False,
 ) -> list[Factors]:
     """
     Factor several matrices, each following the one before through the array.
 
     (n, n) each, symmetric, of floats or mpmath numbers; the lower triangle is read. With a
-    right-hand side for each, (n,), forward substitution follows. Other arguments as for `clock`.
+    right-hand side for each, (n,), forward substitution follows, with `turn` the solution.
     """
     n, dtype = len(matrices[0]), matrices[0].dtype
     problems = [[[*H[k:, k]] for k in range(n)] for H in matrices]
@@ -239,7 +231,7 @@ def pipeline(
         for row, value in zip(problem, y, strict=True):
             row.append(value)
     with np.errstate(all='ignore'):
-        trace = clock(problems, interval, turn)
+        trace = clock(problems, turn)
     found = []
     for p, problem in enumerate(problems):
         L, z, x = np.zeros((n, n), dtype), np.empty(n, dtype), np.empty(n, dtype)
@@ -337,21 +329,18 @@ def solve_steps(n: int) -> Steps:
     )
 
 
-def streams(n: int) -> Iterator[tuple[int | None, ...]]:
+def stream_steps(n: int, processors: int, network: str = 'crossbar') -> Steps:
     """
-    Yield the routes that bring H to the rows of the array, for each lane the lane it reads.
+    Return the steps of the routes that bring H to the rows of the array; one processor has none.
 
     Row k takes element (k, m), which is in column m, one cycle after (k, m - 1), and in the same
     cycle row k + 1 takes (k + 1, m - 1): one route for each k + m.
     """
-    for cycle in range(1, 2 * n - 2):
-        rows = range(max(cycle - n + 1, 0), (cycle + 1) // 2)
-        yield tuple(cycle - lane if lane in rows else None for lane in range(n))
-
-
-def stream_steps(n: int, processors: int, network: str = 'crossbar') -> Steps:
-    """Return the steps of these routes on a network; on one processor nothing moves."""
     if processors == 1:
         return Steps()
-    routes = tuple(Instruction('route', data=sources) for sources in streams(n))
-    return networks.steps(Program(n, routes, {}, {}), network, processors)
+    routes = []
+    for cycle in range(1, 2 * n - 2):
+        rows = range(max(cycle - n + 1, 0), (cycle + 1) // 2)
+        sources = tuple(cycle - lane if lane in rows else None for lane in range(n))
+        routes.append(Instruction('route', data=sources))
+    return networks.steps(Program(n, tuple(routes), {}, {}), network, processors)

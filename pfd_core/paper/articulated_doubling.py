@@ -4,11 +4,10 @@
 Forward dynamics by articulated bodies in logarithmic depth: recursive doubling, one lane a link.
 
 Lee and Chang 1987 conclude from a theorem of Kung's that the recurrence of articulated inertias
-cannot be parallelised, since it is not linear. It can: the theorem needs a rational map of a
-degree above one, and this map is linear fractional. It is a Riccati recurrence (Rodriguez 1987,
-where the inertia obeys the equation of a Kalman filter), and those of linear-quadratic control
-are associative scans (Särkkä and García-Fernández, arXiv 2104.03186). That articulated inertias
-are one follows from the two; Featherstone's joins of 1999 compute the same on a tree.
+cannot be parallelised. It can: the theorem needs a rational map of a degree above one, and this
+map is linear fractional. This follows from two known facts: it is a Riccati recurrence (Rodriguez
+1987), and those of linear-quadratic control are associative scans (Särkkä and García-Fernández,
+arXiv 2104.03186). Featherstone's joins of 1999 compute the same on a tree.
 
 A piece of the chain, links b..e with their joints, gives way to the inertia M that it carries at
 its outer end. From its inner end it is felt as
@@ -40,11 +39,10 @@ rotors and brakes a joint transmits nothing along t, and the pieces have the oth
 
 C is kept as B D^-1 B' with a column for each joint of a piece, as long as these are not more than
 its rows: D + B' J_2 B has the pivots of an inertia matrix, so that a light joint costs no digits.
-Then C itself is kept, and 1 + C J_2 is solved with row exchanges. (With L D L' of J_2 instead
-every factor is symmetric; the packed program then takes more steps, and no fewer digits are lost.)
-A link that has nothing about its own joint, or less than LIGHT of the inertia that the joint may
-have to move, is joined with the links after it, up to one that is solid, before the doubling:
-1/D is not needed there, and a link of 2^-30 would lose so many digits in C.
+Then C itself is kept, and 1 + C J_2 is solved with row exchanges. A link that has nothing about
+its own joint, or less than LIGHT of the inertia that the joint may have to move, is joined with
+the links after it, up to one that is solid, before the doubling: 1/D is not needed there, and a
+link of 2^-30 would lose so many digits in C.
 
 On full rows of lanes (packed), every second piece doubles, and the others follow on the way back;
 the elements of a product lie on the lanes that are left. Unpacked, all pieces double, each on its
@@ -85,11 +83,10 @@ from pfd_core.machine.vectors import (
     upper,
 )
 from pfd_core.model import Plant, Robot
-from pfd_core.model.robot import own_inertia
 from pfd_core.paper.chain import Chain, link_parameters, rows
 from pfd_core.paper.composite import about_point
 from pfd_core.paper.constraint_forces import T, joint_motion, ordered
-from pfd_core.paper.divide_and_conquer import less, most_inertia, solve_pivoted
+from pfd_core.paper.divide_and_conquer import less, light_links, solve_pivoted
 from pfd_core.paper.lanes import packed, recorder_of, shift, taken
 from pfd_core.paper.newton_euler import forward_equations
 
@@ -118,13 +115,13 @@ class Step(NamedTuple):
     """
     Pieces that are joined side by side.
 
-    `sources` is the lane of the piece after it by the lane of a piece; `inner` are the lanes of
-    joined pieces that do not reach the tip, which alone need A and C. The first pieces are those
-    before the step number `of`, or the present ones; `single` is whether they are single links.
+    `sources` is the lane of the piece after it by the lane of a piece; `after` has those of joined
+    pieces that do not reach the tip, which alone need A and C. The first pieces are those before
+    the step number `of`, or the present ones; `single` is whether they are single links.
     """
 
     sources: Mapping[int, int]
-    inner: Collection[int]
+    after: Mapping[int, int]
     of: int | None
     single: bool
 
@@ -179,16 +176,6 @@ def record_articulated_body_doubling(plant: Plant, schedule: str) -> Program:
             b = array(merge(b, constants(recorder, [0.0] * 5)))
             qdd = merge(qdd - shift(t[:5] @ b + t[T] * qdd, 1), qdd)
     return program_with_outputs(recorder, qdd=qdd, pivots=d)
-
-
-def light_links(plant: Plant, share: float) -> list[int]:
-    """Return the links whose joint has less than a share of the inertia that it may move."""
-    rotors = np.zeros(plant.robot.n) if plant.inertia is None else plant.inertia
-    return [
-        i
-        for i, rotor in enumerate(rotors)
-        if own_inertia(plant.robot, i) + rotor <= share * most_inertia(plant.robot, i)
-    ]
 
 
 def joined_links(robot: Robot, without: Collection[int]) -> dict[int, int]:
@@ -267,8 +254,8 @@ def plan(recorder: Recorder, groups: Mapping[int, int]) -> list[Step]:
     def join(sources: dict[int, int], of: int | None = None, single: bool = False) -> None:
         if sources:
             reach.update({i: reach[j] for i, j in sources.items()})
-            inner = [i for i in sources if reach[i] < n - 1]
-            steps.append(Step(sources, inner, of, single))
+            after = {i: j for i, j in sources.items() if reach[i] < n - 1}
+            steps.append(Step(sources, after, of, single))
 
     def join_all(of: int | None = None) -> None:
         join({i: e + 1 for i, e in reach.items() if e < n - 1}, of)
@@ -319,8 +306,7 @@ def _with_compliance(pieces: Pieces) -> Pieces:
 
 def _joined(one: Pieces, step: Step) -> Pieces:
     """Return the pieces after a step."""
-    m = len(one.A)
-    after = {i: step.sources[i] for i in step.inner}
+    m, after = len(one.A), step.after
     A, M = on(one.A, step.sources), symmetric_matrix(taken(one.J, step.sources))
     if one.C is None:
         k = 1 if step.single else len(one.D)
@@ -431,11 +417,10 @@ def _inward(
     for step in steps:
         moved = taken(f, step.sources)[:, None]
         f = _merged(_product(P.T, moved, f[:, None])[:, 0], f)
-        after = {i: step.sources[i] for i in step.inner}
-        beyond = taken(P, after) if after else None
+        beyond = taken(P, step.after) if step.after else None
         passages.append((P, beyond))
         if beyond is not None:
-            P = _merged(_product(beyond, on(P, after)), P)
+            P = _merged(_product(beyond, on(P, step.after)), P)
     return f, passages
 
 
@@ -455,9 +440,8 @@ def _outward(
     for step, (_, beyond) in zip(steps, passages, strict=True):
         given.append(own)
         if beyond is not None:
-            after = {i: step.sources[i] for i in step.inner}
-            moved = taken(own, after)[:, None]
-            own = _merged(_product(beyond, on(own, after)[:, None], moved)[:, 0], own)
+            moved = taken(own, step.after)[:, None]
+            own = _merged(_product(beyond, on(own, step.after)[:, None], moved)[:, 0], own)
     b = on(shift(b, 1), [1])
     for step, (P, _), own in reversed(list(zip(steps, passages, given, strict=True))):
         if step.of is None:

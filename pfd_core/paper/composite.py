@@ -58,9 +58,8 @@ from joint to joint by the row sweep) no moment is shifted and nothing is divide
 The pairs (i, j) are laid around the lanes: step k = 0..floor(n/2) gives to lane j the pair of j
 with (j - k) mod n, which makes every pair once. It takes 6 K + 39 multiplications and
 13 L + 5 K + 33 additions, K = floor(n/2) + 1; with our bias that is the PCRBM of fewest steps. It
-loses digits: terms as large as the whole mass at the whole reach cancel in the rows of a light
-wrist. Diagonal elements of arms of 6 or 7 axes are wrong by up to 5e-13 of themselves in double
-precision and 3e-4 in single, where the others are right to 1e-15 and 5e-7.
+loses digits in the rows of a light wrist: diagonal elements of arms of 6 or 7 axes are wrong by up
+to 5e-13 of themselves in double precision, 3e-4 in single; the others are right to 1e-15 and 5e-7.
 
 Lane j holds link j + 1, the composite body of links j + 1..n, and column j of H: h_ij with i <= j.
 """

@@ -19,20 +19,17 @@ are in pfd_core.paper.editions. The paper's form ends with step 10 of iteration 
 to 16 are run n - 1 times; item (d) counts them n times.
 
 n iterations give the answer in exact arithmetic only: with rounding e is hardly ever zero beyond
-one joint, and the directions lose their orthogonality (docs/report/counts.md has from how many
-joints on this shows). The paper's form has no output that says so; pfd.emulate estimates the error
-of qdd by the equations of motion, which decides the status. Ours stops at e <= tolerance^2 y'y; a
-direction with u't <= 0 ends the iteration. The recursive residual that the stop reads is no
-measure of the error.
+one joint, and the directions lose their orthogonality (docs/report/counts.md). Ours stops at
+e <= tolerance^2 y'y; a direction with u't <= 0 ends the iteration. The recursive residual that the
+stop reads is no measure of the error; pfd.emulate estimates that by the equations of motion.
 
 Parallel cost of an iteration, rotational joints, L = ceil(log2 n), n > 1: 47 multiplications,
 14 L + 32 additions and 2 divisions; back to step 5 as printed 1 multiplication and L additions
 more; the last one ends before 3 and L + 2 of these and a division. The paper prints 49, divisions
 among them, and 14 L + 30. Before the iteration the paper's form takes 27 L + 151 multiplications
 and 34 L + 108 additions with R_i given, with twists of 0 and 90 degrees 22 and 17 fewer; it prints
-27 L + 124 and 34 L + 87. Our form packs the sums in H u: with k iterations at n = 6 it takes
-182 + 47 k multiplications, 2 k divisions, 189 + 62 k additions and 214 + 116 k routes in all; the
-paper has 499 and 621 for k = 6 and counts no routes.
+27 L + 124 and 34 L + 87. Our form takes 182 + 47 k multiplications, 2 k divisions, 189 + 62 k
+additions and 214 + 116 k routes for k iterations at n = 6; the paper 499 and 621 for k = 6.
 
 Lane i holds link i + 1 and component i + 1 of every vector of n numbers; sums lie on lane 0 and
 are broadcast.

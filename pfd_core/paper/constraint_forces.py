@@ -37,8 +37,7 @@ P = K^-1 C_i', Q = K^-1 C_(i+s), w = K^-1 r,
     r_i <- r_i - (Q' D^-1 w)_(i-s) - (P' D^-1 w)_(i+s)
 
 Source: Fijany, Sharf and D'Eleuterio, "Parallel O(log N) algorithms for computation of manipulator
-forward dynamics", IEEE Trans. Robotics and Automation 11 (1995). Blocks, points and elimination
-are derived here from its abstract; their counts differ from the counts of the source.
+forward dynamics", IEEE Trans. Robotics and Automation 11 (1995); derived here from its abstract.
 
 Parallel cost in addition to pose and bias, for rotational joints and n > 1:
 

@@ -26,12 +26,10 @@ a_b = 0 and phi_e = 0; down the tree a and phi of every cut follow, and for ever
 
     qdd = (y - (I S)' a_b + u' phi_e) / D,      y = tau - bias
 
-The recurrence of articulated inertias itself is a scan (pfd_core.paper.articulated_doubling),
-whose product is the join above with J = -N. This is another method for the same accelerations,
-after Featherstone, A Divide-and-Conquer Articulated-Body Algorithm, IJRR 18 (1999), whose pieces
-take a force at either end. That form has
+After Featherstone, A Divide-and-Conquer Articulated-Body Algorithm, IJRR 18 (1999), whose form has
 the inverse of every link's inertia, which a massless link lacks; here (Redheffer's star product) T
-is invertible for any links, as C_1 N_2 has no positive eigenvalue.
+is invertible for any links, as C_1 N_2 has no positive eigenvalue. With J = -N the join is that of
+pfd_core.paper.articulated_doubling.
 
 The divisor D is known from the model. A braked joint has 1/D = 0, which leaves A = X and N = -I: a
 link welded to the one before it. D is zero for a massless link even where H is sound. Light
@@ -48,12 +46,10 @@ E - E X E is symmetric, and positive definite exactly when H is (both are Schur 
 Parallel cost without light joints, in addition to pose and bias, L = ceil(log2 n): 135
 multiplications and 53 additions for single links, 1276 L - 1026 and 1114 L - 882 for joining (L >
 1; 358 and 322 for L = 1), 72 (L - 1) each for parting, 13 and 12 for the accelerations; 6 L + 1
-divisions. Each column of right-hand sides after the first costs single links 12 multiplications.
-With light joints there is also a dense solve on n lanes (pfd_core.paper.solve) and,
-for each of them, 4 multiplications and 2 additions, next to the columns. By these forms PCRBM
-with its n^2/6 takes fewer multiplications up to 220 joints. With rotors lent, which a chain of
-equal links needs from somewhere between 80 and 96 joints on, the steps grow faster than log2 n,
-and PCRBM takes fewer at every length tried (128).
+divisions. By these forms PCRBM with its n^2/6 takes fewer multiplications up to 220 joints. Light
+joints, which a chain of equal links has from somewhere between 80 and 96 joints on, add a column
+of right-hand sides each, with 12 multiplications of single links, 4 and 2 at the end, and a dense
+solve on n lanes. PCRBM then takes fewer steps at every length tried (128).
 
 Lane i holds joint and link i + 1, 6-vectors angular before linear; of a piece, its first lane
 holds N, nu and A, its last C, beta.
@@ -299,19 +295,25 @@ def solve_pivoted(T: LaneArray, B: LaneArray, packs: bool = False) -> LaneArray:
 
 def lent_rotors(plant: Plant) -> NDArray[np.float64]:
     """Return the inertia lent to each joint, (n,) [kg m^2 or kg]; zero unless it is light."""
-    robot = plant.robot
-    lent = np.zeros(robot.n)
-    for j in range(robot.n):
-        own, most = own_inertia(robot, j), most_inertia(robot, j)
-        if plant.inertia is not None:
-            own += plant.inertia[j]
-        if own <= LIGHT * most:
-            # A power of two, so that lending and taking back do not round.
-            lent[j] = math.ldexp(1.0, round(math.log2(most))) if most > 0 else 1.0
+    lent = np.zeros(plant.robot.n)
+    for j in light_links(plant, LIGHT):
+        most = _most_inertia(plant.robot, j)
+        # A power of two, so that lending and taking back do not round.
+        lent[j] = math.ldexp(1.0, round(math.log2(most))) if most > 0 else 1.0
     return lent
 
 
-def most_inertia(robot: Robot, j: int) -> float:
+def light_links(plant: Plant, share: float) -> list[int]:
+    """Return the links whose joint has at most a share of the inertia that it may move."""
+    rotors = np.zeros(plant.robot.n) if plant.inertia is None else plant.inertia
+    return [
+        j
+        for j, rotor in enumerate(rotors)
+        if own_inertia(plant.robot, j) + rotor <= share * _most_inertia(plant.robot, j)
+    ]
+
+
+def _most_inertia(robot: Robot, j: int) -> float:
     """Return about the largest inertia of all links beyond a joint, over all positions."""
     if robot.joint_types[j] == 'prismatic':
         return float(robot.masses[j:].sum())

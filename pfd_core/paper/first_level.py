@@ -7,17 +7,14 @@ The pose of a chain whose twists are 0 or 90 degrees, at the price that the pape
     p*_i = 0R_i (p*_i in link axes)                                     eq. (14)
 
 Lee and Chang 1987, section 2.5, item (a), counts 27 L - 19 multiplications and 18 L - 14
-additions, L = ceil(log2 n). Full products take 27 L and 18 L. For twists of 0 and 90 degrees, as
-of a PUMA, five of nine elements of R_i are 0, 1 or -1, and R_(i-1) R_i takes at most 8 and 4, or 4
-and 0 if both twists are right angles. The paper does not say so, but a first level at this price
-gives its counts. Later levels have full matrices. One component of p*_i is zero, so that (14)
-takes 60 and 39 instead of 63 and 42, which leads to the constants of its totals.
+additions, L = ceil(log2 n). Full products take 27 L and 18 L. For twists of 0 and 90 degrees five
+of nine elements of R_i are 0, 1 or -1, and R_(i-1) R_i takes at most 8 and 4, or 4 and 0 if both
+twists are right angles: the paper does not say so, but a first level at this price gives its
+counts. One component of p*_i is zero, so that (14) takes 60 and 39 instead of 63 and 42.
 
-The zero elements differ from joint to joint, so that processors multiply different elements in the
-same step. The k-th products of all processors are one step, and so are the k-th additions.
-
-Parallel cost of (13): 27 (L - 1) + m multiplications and 18 (L - 1) + a additions, m and a the
-most that a pair of neighbours needs; 9 L routes.
+The zero elements differ from joint to joint. The k-th products of all processors, of whatever
+elements, are one step, and so are the k-th additions: (13) takes 27 (L - 1) + m multiplications
+and 18 (L - 1) + a additions, m and a the most that a pair of neighbours needs; 9 L routes.
 
 Lane i holds R_(i+1).
 """

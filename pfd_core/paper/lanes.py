@@ -61,8 +61,6 @@ def broadcast(value: Any, lane: int) -> Any:
 
 def collect(values: Mapping[int, Lanes]) -> Lanes:
     """Return on each lane of `values` its own element of the given value; this costs nothing."""
-    if not values:
-        raise ValueError('collect: no lane is named, and a value needs at least one')
     groups: dict[Lanes, list[int]] = {}
     for lane, value in values.items():
         groups.setdefault(value, []).append(lane)
@@ -80,8 +78,6 @@ def gather(places: Mapping[int, Place]) -> Lanes:
     A lane can read any of its own registers, so that one route takes one element from each lane
     to all lanes that need it: as many routes as the busiest lane has elements to send.
     """
-    if not places:
-        raise ValueError('gather: no lane is named, and a value needs at least one')
     staying = {lane: value for lane, (value, source) in places.items() if source == lane}
     result = collect(staying) if staying else None
     moving = {lane: place for lane, place in places.items() if place[1] != lane}

@@ -237,7 +237,6 @@ def by_section(
 
 def carrier(network: str) -> Callable[[Sources, Sequence[Any]], list[Mapping[int, Any]]]:
     """Return the function that executes a route of the emulator hop by hop on a network."""
-    choice('network', network, NETWORKS)
     return lambda sources, words: carry(network, len(sources), hops(network, sources), words)
 
 

@@ -18,9 +18,8 @@ sums over links as recurrences (base to tip: prefix, back: suffix)
 
 Luh, Walker and Paul 1980 in base axes, the recursions as recurrences, after Lee and Chang 1986.
 Lee and Chang 1987 call it in eq. (27) and have its name and counts, not its formulas. The signs
-are ours: in the paper the base is accelerated by g, whose sense is not given, and k(t), the wrench
-on the last link, is named in the introduction only; here the base is accelerated by minus gravity,
-and k enters the sums from the tip with a minus sign.
+are ours: the base is accelerated by minus gravity, and k(t), the wrench on the last link, enters
+the sums from the tip with a minus sign.
 
 The paper's form adds the terms of W x in the order above. Ours has one matrix for all terms of
 rotation,
@@ -31,9 +30,8 @@ rotation,
 of which J appears in differences only. The matrix is from Balafoutis and Patel's serial methods
 (Dynamic Analysis of Robot Manipulators, 1991), the moment in differences of J is derived here.
 
-H u is NE1 with qd = 0, no gravity and no wrench: W x = wd x x, N = J wd. Step 7 of PCGM sets
-gravity to zero; its item (b) leaves out external forces, too. Otherwise the result is not linear
-in u. Every vector refers to a point of its link, so that the product is as accurate as H itself.
+H u is NE1 with qd = 0, no gravity and no wrench: W x = wd x x, N = J wd. Every vector refers to a
+point of its link, so that the product is as accurate as H itself.
 
 Parallel cost, rotational joints, n > 1 lanes, L = ceil(log2 n):
 

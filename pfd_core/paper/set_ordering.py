@@ -10,26 +10,23 @@ Lee and Chang 1987, section 2.4. Procedure Set-Ordering sums the sets S_ki = {a_
 a_ki^(0)}, a_ki^(0) = h_ki and a_ki^(j) = h_ijk, on n processors: in every iteration the l-th
 processor does one addition in the l-th longest set. The procedure is right, and its order is
 the best there is for independent sums. The sums are of the wrong products: L L' = H needs
-l_ij l_kj and l_ii where (11) and (12) have h_ij h_kj and h_ii. The result is right for a diagonal
-H; otherwise, as a rule, it is a wrong matrix or the root of a negative number: both occur for each
-of PUMA 560, UR5 and Panda. Were each h_ki replaced by l_ki as soon as that is known, (11) and (12)
-would be Cholesky's, column after column; the products could then not be formed first.
+l_ij l_kj and l_ii where (11) and (12) have h_ij h_kj and h_ii: as a rule the result is a wrong
+matrix or the root of a negative number. Were each h_ki replaced by l_ki as soon as that is known,
+(11) and (12) would be Cholesky's; the products could then not be formed first.
 pfd_core.paper.solve has correct ones.
 
-Misprints of the procedure and of Appendix C are in docs/report/claims.md. Left open in the paper:
-sets of the same length keep the order they have, at first decreasing i, then k; so Appendix C
-comes out set by set.
+Left open in the paper: sets of the same length keep the order they have, at first decreasing i,
+then k; so Appendix C comes out set by set.
 
 Parallel cost: ceil((n^2 - 1)/6) multiplications and as many additions, ceil((n - 1)/2)
-divisions and one square root on n lanes. The paper counts n(n - 1)/2 additions in its text and
-ceil((n^2 - 1)/2) in item (b): 15 and 18 at n = 6, where its own procedure takes 6.
+divisions and one square root on n lanes, 6, 6, 3 and 1 at n = 6.
 
 Lane l holds the set that the (l + 1)-th processor works on, another in every iteration.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -123,27 +120,22 @@ def _equations(rows: Sequence[Lanes]) -> tuple[Board, Lanes]:
         for before, after in pairwise(set_ordering(n)):
             # S_ki takes its product of h_ij and h_kj, j = C_ki + 1.
             terms = [(k, i, i - before.additions[k, i]) for k, i in after.picked]
-            product = H.row(_on_lanes((i, j) for _, i, j in terms)) * H.row(
-                _on_lanes((k, j) for k, _, j in terms)
+            product = H.row(dict(enumerate((i, j) for _, i, j in terms))) * H.row(
+                dict(enumerate((k, j) for k, _, j in terms))
             )
-            picked = _on_lanes(after.picked)
+            picked = dict(enumerate(after.picked))
             sums.put(_so_far(H, sums, picked) + -product, picked)
     with recorder.section('square roots'):
-        diagonal = _on_lanes((k, k) for k in range(1, n + 1))
+        diagonal = dict(enumerate((k, k) for k in range(1, n + 1)))
         radicands = _so_far(H, sums, diagonal)
         L.put(sqrt(radicands), diagonal)
     below = [(k, i) for i in range(1, n + 1) for k in range(i + 1, n + 1)]
     with recorder.section('divisions'):
         for start in range(0, len(below), n):
-            chunk = _on_lanes(below[start : start + n])
+            chunk = dict(enumerate(below[start : start + n]))
             divisors = H.row({lane: (i, i) for lane, (_, i) in chunk.items()})
             L.put(_so_far(H, sums, chunk) / divisors, chunk)
     return L, radicands
-
-
-def _on_lanes(indices: Iterable[Index]) -> dict[int, Index]:
-    """Return elements by lane: the first on lane 0."""
-    return dict(enumerate(indices))
 
 
 def _so_far(H: Board, sums: Board, indices: Mapping[int, Index]) -> Lanes:

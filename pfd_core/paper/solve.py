@@ -22,12 +22,11 @@ Parallel cost: s + n - 1 multiplications, s + n - 1 additions, n divisions, no s
 
     s = w + ceil(C / n),  w = number of r in 1..n-1 with c_r < n,  C = sum of the other c_r,
 
-and c_r = r (r + 3) / 2, the elements that change while r columns are left. Every stage has a step,
-and no step has more than n products, so that no order has fewer subtractions. At n = 6 that is 15,
-15, 6 and 0 with 53 routes, or unpacked 30, 25, 6 and 0 with 30; the paper has 31 (divisions among
-them), 28 and one square root, and counts no routes. Its rule of the longest set first, which sums
-products of elements of H (Procedure Set-Ordering), is applied here to the products that are needed
-and are known; it loses w steps at most, 7 at n = 32.
+and c_r = r (r + 3) / 2, the elements that change while r columns are left; no order has fewer
+subtractions. At n = 6 that is 15, 15, 6 and 0 with 53 routes, or unpacked 30, 25, 6 and 0 with 30;
+the paper has 31 (divisions among them), 28 and one square root. Its rule of the longest set first
+(Procedure Set-Ordering) is applied here to the products that are needed and are known; it loses w
+steps at most, 7 at n = 32.
 
 Lane j holds row j of the lower triangle of H and of L, and y_j, z_j and x_j.
 """

@@ -139,7 +139,6 @@ def test_a_right_hand_side_takes_one_cycle_more_and_a_solve_2n_minus_1(n: int) -
     np.testing.assert_array_equal(whole.x, x)
     cycles = [found.trace.cycles for found in (plain, forward, whole)]
     assert cycles == [3 * n - 2, 3 * n - 1, 5 * n - 2]
-    assert {found.status for found in (plain, forward, whole)} == {'ok'}
 
 
 @pytest.mark.parametrize('n', range(1, 9))
@@ -173,7 +172,9 @@ def test_the_printed_array_takes_3n_minus_1_cycles_for_equations_11_and_12(n: in
         equations = run_program(record_literal_cholesky(n, 'parallel'), {'H': matrix.ravel()})
         np.testing.assert_array_equal(found.L, equations['L'])
         assert found.trace.cycles == 3 * n - 1
-    assert found.status == ('ok' if n < 3 else 'wrong_matrix')
+    # The bound of Cholesky's backward error.
+    difference = abs(found.L @ found.L.T - mild)[np.tril_indices(n)].max()
+    assert (difference <= (n + 1) * np.finfo(float).eps) == (n < 3)
 
 
 @pytest.mark.parametrize('second', [2.0, 1.0])
@@ -194,15 +195,14 @@ def test_a_cell_that_compares_numbers_keeps_an_equal_element_too(second: float) 
     )
 
 
-def test_a_matrix_that_cannot_be_factored_is_a_status_and_leaves_the_next_ones_alone() -> None:
+def test_a_matrix_that_cannot_be_factored_gives_nan_and_leaves_the_next_ones_alone() -> None:
     _, H, _ = integers(4)
     results = array_pipeline([H, -H, H])
-    assert [result.status for result in results] == ['ok', 'not_positive_definite', 'ok']
+    assert [np.isfinite(result.L).all() for result in results] == [True, False, True]
     np.testing.assert_array_equal(results[2].L, results[0].L)
     for matrix in ([[-1.0]], [[0.0]], [[1.0, 2.0], [2.0, 1.0]]):
         for number in (1.0, mpmath.mpf(1)):
             found = array_solve(np.array(matrix) * number, np.ones(len(matrix)))
-            assert found.status == 'not_positive_definite'
             assert not np.isfinite(found.x.astype(float)).any()
 
 

@@ -207,10 +207,6 @@ class Factors(NamedTuple):
     L: NDArray[Any]  # (n, n), lower triangle; NaN where a root or a quotient does not exist
     z: NDArray[Any] | None  # (n,), L^-1 y; None without a right-hand side
     x: NDArray[Any] | None  # (n,), H^-1 y; None without a solve
-    # 'ok'. Of the corrected array else 'not_positive_definite'. Of the printed one 'ok' if L L' is
-    # H within rounding, else 'wrong_matrix', 'negative_radicand' if some l_kk does not exist,
-    # 'not_finite' if an h_ii that divides is zero.
-    status: str
     trace: Trace  # record of the run
 
 
@@ -241,9 +237,7 @@ def pipeline(
             z[k] = items[-1].value
             if turn:
                 x[k] = trace.sent((k + 1, 1), 'left')[0].value
-        sound = np.isfinite(np.diag(L).astype(np.float64)).all()
-        status = 'ok' if sound else 'not_positive_definite'
-        found.append(Factors(L, z if right_sides else None, x if turn else None, status, trace))
+        found.append(Factors(L, z if right_sides else None, x if turn else None, trace))
     return found
 
 
@@ -266,19 +260,7 @@ def literal_array(H: NDArray[Any]) -> Factors:
     for k in range(len(H)):
         *off_diagonal, diagonal = trace.sent((k + 1, k + 1), 'right')
         L[k:, k] = [item.value for item in (diagonal, *off_diagonal)]
-    return Factors(L, None, None, _status_of(H, L), trace)
-
-
-def _status_of(H: NDArray[Any], L: NDArray[Any]) -> str:
-    """Return whether a would-be factor is one."""
-    if not np.isfinite(L.astype(np.float64)).all():
-        roots = np.diag(L).astype(np.float64)
-        return 'negative_radicand' if np.isnan(roots).any() else 'not_finite'
-    lower = np.tril_indices(len(H))
-    difference = np.abs((L @ L.T - H)[lower].astype(np.float64)).max()
-    # The bound of Cholesky's backward error: |L L' - H| <= (n + 1) u max|H|, u half of eps.
-    eps = float(np.finfo(L.dtype if L.dtype != object else np.float64).eps)
-    return 'ok' if difference <= (len(H) + 1) * eps * max(abs(H[lower])) else 'wrong_matrix'
+    return Factors(L, None, None, trace)
 
 
 # On lanes: PCRBM whose solve the cells execute.
@@ -286,12 +268,10 @@ def _status_of(H: NDArray[Any], L: NDArray[Any]) -> str:
 
 def record_pcrbm_array(plant: Plant, schedule: str) -> Program:
     """
-    Return the program of qdd and pivots, (n,), from q, qd and tau.
+    Return the program of qdd and pivots, (n,), the radicands of the cells, from q, qd and tau.
 
-    H and bias are computed on n lanes, in our form. The cells' arithmetic is in the section
-    SECTION, one step for each operation of each cell; on the array it takes solve_cycles(n)
-    cycles. The pivots are the radicands of the cells: H is positive definite exactly when all are
-    above zero.
+    H and bias are computed on n lanes, in our form. The section SECTION has one step for each
+    operation of each cell; on the array it takes solve_cycles(n) cycles.
     """
     chain, y = forward_equations(plant, schedule)
     recorder, rows, n = chain.recorder, inertia_matrix(chain), plant.robot.n

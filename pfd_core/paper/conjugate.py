@@ -51,14 +51,12 @@ from pfd_core.paper.lanes import broadcast
 from pfd_core.paper.newton_euler import forward_equations, inertia_times
 from pfd_core.paper.patterns import total
 
-# Walks through directions that rounding has made dependent take a multiple of n; the hardest
-# chains of up to 30 joints need 6 n.
-ITERATIONS_PER_JOINT, ITERATIONS_AT_LEAST = 12, 20
-
 
 def default_limit(n: int) -> int:
     """Return the largest number of iterations of our form for n joints."""
-    return ITERATIONS_PER_JOINT * n + ITERATIONS_AT_LEAST
+    # Walks through directions that rounding has made dependent take a multiple of n; the hardest
+    # chains of up to 30 joints need 6 n.
+    return 12 * n + 20
 
 
 def record_pcgm(

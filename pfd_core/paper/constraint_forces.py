@@ -86,10 +86,9 @@ E, T = 4, 5  # places of the components e and t
 
 def record_constraint_forces(plant: Plant, schedule: str) -> Program:
     """
-    Return the program of qdd, (n,), from q, qd and tau, and of its pivots.
+    Return the program of qdd, (n,), from q, qd and tau, and of each lane's last pivot.
 
-    The pivots are the last pivot of each lane's matrix, all positive for links with a mass and an
-    inertia. ValueError for a plant with rotors, brakes, or a link without mass or inertia.
+    ValueError for a plant with rotors, brakes, or a link without mass or inertia.
     """
     _check(plant)
     chain, y = forward_equations(plant, schedule)

@@ -260,12 +260,8 @@ def solve_pivoted(T: LaneArray, B: LaneArray, packs: bool = False) -> LaneArray:
     """
     Return T^-1 B, (m, k), for T (m, m) and B (m, k); a singular T gives infinity or NaN.
 
-    Elimination with row exchanges. Each lane holds a separate problem and exchanges rows as its
-    numbers require: of the rows that are left, the one with the largest element leads (partial
-    pivoting). An exchange is a selection, which moves data within a lane; finding the largest
-    element costs a subtraction a comparison.
-
-    Parallel cost: m (m^2 - 1) / 3 + m^2 k multiplications, m (m^2 - 1) / 3 + m (m - 1) k
+    Elimination with partial pivoting: each lane holds a separate problem, and exchanges rows by
+    selections. It takes m (m^2 - 1) / 3 + m^2 k multiplications, m (m^2 - 1) / 3 + m (m - 1) k
     additions, including m (m - 1) / 2 comparisons, and m divisions.
     """
     m, rows = len(T), np.hstack([T, B])

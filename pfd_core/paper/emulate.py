@@ -242,12 +242,9 @@ def _error(
     qdd: NDArray[Any], found: dict[str, Any], free: NDArray[Any] | None, dtype: str
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """
-    Return the error of accelerations, and the largest of an answer that is called right.
+    Return the error of accelerations, as in Run, and the largest of an answer that is right.
 
-        error = max|H^-1 r| / max(|qdd|, |H^-1 tau|),  r = tau - ID(q, qd, qdd)
         bound = ROUNDINGS u cond(H), H scaled to ones on its diagonal;  at most CORRECTION
-
-    Infinite where r is not finite or H has no such scale.
     """
     H, r, tau, qdd = (
         np.asarray(x, np.float64) for x in (found['H'], found['residual'], found['motors'], qdd)

@@ -19,9 +19,8 @@ L = ceil(log2 n). Nodes of pm2i, cube, mesh and shuffle that no lane is on pass 
 A link has a direction. It carries one word a step; all links of a node work at the same time. A
 word is stored at a node before it is passed on. A node can send one word on several links at once,
 so a multicast runs along a tree: the shortest paths of a breadth-first search from the source. A
-link first sends the waiting word with the longest remaining path. This schedule is feasible, not
-always the shortest. No schedule on these paths takes less than the longest path or the most words
-on a link. A machine whose links must all work in the same direction in a step takes more.
+link first sends the waiting word with the longest remaining path: a feasible schedule, not always
+the shortest. A machine whose links must all work in the same direction in a step takes more.
 
 A new network is a function of the number of lanes, and a row of NETWORKS.
 
@@ -244,12 +243,10 @@ def carry(
     network: str, lanes: int, steps: Iterable[Iterable[Hop]], words: Sequence[Any]
 ) -> list[Mapping[int, Any]]:
     """
-    Execute the hops of a route and return what each lane then holds.
+    Execute the hops of each step of a route; return for each lane the words that are at its node.
 
-    `steps` are the hops of each step, as from `hops`, and `words` the value on each lane. The
-    result has, for each lane, the words at its node: the lane a word comes from, to its value.
-    NetworkError if a hop has no link, a link carries two words in a step, a node sends a word that
-    it does not hold, or a bus carries two words in a step.
+    `words` has the value on each lane; in the result a word is named by the lane it comes from.
+    NetworkError for a hop that cannot be.
     """
     net = wiring(network, lanes)
     held: list[dict[int, Any]] = [{} for _ in net.links]

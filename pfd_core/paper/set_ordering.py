@@ -83,8 +83,7 @@ def record_literal_cholesky(n: int, schedule: str) -> Program:
     """
     Return the program of equations (11) and (12), in the order of Procedure Set-Ordering.
 
-    Its input is `H`, (n n,), whose lower triangle is read; its outputs are `L`, (n, n), in general
-    not the Cholesky factor, and `radicands`, (n,), the operands of the roots.
+    From `H`, (n n,), whose lower triangle is read: `L`, (n, n), and `radicands` of roots, (n,).
     """
     recorder = Recorder(n, schedule)
     rows = [

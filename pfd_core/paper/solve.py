@@ -170,11 +170,7 @@ def transposed(columns: Sequence[Lanes]) -> list[Lanes | None]:
 
 
 def cholesky(rows: Sequence[Lanes], free: Lanes | None) -> tuple[list[Lanes], Lanes, Lanes]:
-    """
-    Return the columns of L below the diagonal, the diagonal and the radicands: L L', by columns.
-
-    Equations (11), (12) with l_ij l_kj and l_ii instead of h_ij h_kj and h_ii.
-    """
+    """Return the columns of L below the diagonal, the diagonal and the radicands: L L' = H."""
     n = len(rows)
     columns: list[Lanes] = []
     roots: list[Lanes] = []
@@ -195,8 +191,7 @@ def held_joints(rows: Sequence[Lanes], y: Lanes) -> tuple[list[Lanes], Lanes, La
     """
     Return H and y with the accelerations of braked joints set to zero, and the input `free`.
 
-    Of a braked joint's equation the diagonal element remains. It may be zero, so that a solve
-    takes its pivot as infinite, whose reciprocal is zero.
+    Of a braked joint's equation the diagonal element remains; a solve takes it as infinite.
     """
     with y.recorder.section('brakes'):
         free, n, held = input_row(y.recorder, 'free'), len(rows), []

@@ -60,7 +60,7 @@ def measure(quick: bool) -> dict[str, Any]:
     found = {
         'steps': steps,
         'cases': [row for row in each(case_row, cases, 'hard cases') if row],
-        'chains': each(chain_row, list(chains), 'random chains', lambda k: k % MOST),
+        'chains': each(chain_row, list(chains), 'random chains', int),
     }
     return found if quick else found | {'crossings': list(crossings(steps))}
 
@@ -122,7 +122,7 @@ def case_row(name: str) -> dict[str, Any] | None:
 
 def chain_row(k: int) -> dict[str, Any]:
     """Return the errors of all methods at one state of a random chain."""
-    n, kind = 1 + k % MOST, KINDS[k % len(KINDS)]
+    n, kind = round(MOST ** (k / (CHAINS - 1))), KINDS[k % len(KINDS)]
     # Divide and conquer lends rotors to light joints, whose columns take minutes.
     ways = [x for x in TITLES if x != 'divide_and_conquer']
     return {'chain': k, 'n': n, 'kind': kind} | errors_of(problem(varied_chain(n, kind, k)), ways)

@@ -54,6 +54,7 @@ PAGES: Sequence[Page] = (
     Page('claims', "the paper's sentences and equations, each with a verdict"),
     Page('worked-example', 'PCRBM and PCGM of a small arm, lane by lane, and pictures'),
     Page('array', 'the triangular array, cycle by cycle and with numbers'),
+    Page('doubling', 'articulated bodies by recursive doubling: steps over n, and errors'),
     Page('since-1987', 'methods since 1987, networks between processors, fewer processors'),
 )
 

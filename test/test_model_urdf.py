@@ -610,6 +610,60 @@ def test_names_of_other_tools_are_no_misspelt_ones() -> None:
         assert pfd.load_robot(NAMED).friction.tolist() == [0.5]
 
 
+def arm_of(first: str, last: str = '', rpy: str = '0 0 0') -> str:
+    """Return an arm of 0.5 m whose two links have bodies: mass, centre and three moments."""
+    bodies = []
+    for name, numbers in (('upper', first), ('fore', last or '1 0.1 0 0 0.01 0.01 0.01')):
+        mass, x, y, z, *moments = numbers.split()
+        bodies.append(link(name, float(mass), f'{x} {y} {z}', J=f'{" ".join(moments)} 0 0 0'))
+    return urdf(
+        *('arm', link('base'), *bodies, joint('shoulder', 'revolute', 'base', 'upper', rpy=rpy)),
+        joint('elbow', 'revolute', 'upper', 'fore', '0.3 0.4 0'),
+    )
+
+
+@pytest.mark.parametrize(
+    ('text', 'words'),
+    [
+        (arm_of('51.3 0.1 0 0 16600 16600 10000'), "'upper' has a radius of gyration of 18 m"),
+        (arm_of('1.2 53 0.2 -4 0.002 0.003 0.003'), "'upper' has its centre 53.2 m from its fra"),
+        (arm_of('1.2 0.05 0 0 1200 3300 3400'), "'upper' has a radius of gyration of 53.2 m"),
+        # As in Doosan's a0509: in the frame of the base.
+        (arm_of('3.785 -0.3 0.2 0.4 0.01 0.01 0.01'), "'upper' has its centre 0.539 m from"),
+        (arm_of('1 0.1 0 0 0.01 0.01 0.01', '1 80 0 0 0.01 0.01 0.01'), "'fore' has its centre"),
+        (arm_of('1 0.1 0 0 0.01 0.01 0.01', rpy='90 0 0'), "joint 'shoulder' has more than a who"),
+    ],
+    ids=['g', 'mm', 'g mm^2', 'base frame', 'last', 'degrees'],
+)
+def test_a_size_that_no_body_of_the_arm_has_is_warned_of_and_taken_as_written(
+    text: str, words: str
+) -> None:
+    with pytest.warns(pfd.PhysicsWarning) as found:
+        robot = pfd.load_robot(text)
+    (warning,) = found
+    assert words in str(warning.message)
+    assert warning.filename == __file__
+    assert_same_physics(robot, text, {})
+
+
+def test_bodies_as_long_as_the_arm_and_a_last_one_that_is_longer_are_not_warned_of() -> None:
+    cart = urdf(
+        *('cart', link('rail'), link('cart', 1, J='0.2 0.2 0.2 0 0 0')),
+        *(link('pole', 0.1, '0 0 0.5', J=BODY), joint('slide', 'prismatic', 'rail', 'cart')),
+        joint('hinge', 'continuous', 'cart', 'pole', '0 0 0.1', axis='0 1 0', extra=''),
+    )
+    pendulum = urdf(
+        'pendulum',
+        link('base'),
+        link('rod', 1, '0 0 4', J=BODY),
+        joint('hinge', 'continuous', 'base', 'rod', axis='0 1 0', extra=''),
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        for text in (arm_of('2 0.5 0 0 0.4 0.4 0.4', '1 1.5 0 0 1 1 1'), cart, pendulum):
+            assert pfd.load_robot(text).n > 0
+
+
 def test_unexpanded_xacro_is_an_error_with_the_command_to_run() -> None:
     text = NAMED.replace('<link name="base"/>', '<xacro:arm/><link name="base"/>')
     with pytest.raises(ValueError, match=r'<xacro:arm>, which is not expanded: load the \.xacro'):

@@ -103,7 +103,8 @@ def load_robot(
     -----
     PhysicsWarning
         If an inertia breaks the triangle rule, or in the chain of a URDF a link has no <inertial>
-        and is taken as massless, or a joint has no <limit> and is taken as unlimited.
+        and is taken as massless, a joint has no <limit> and is taken as unlimited, an attribute
+        is not read, or a body is larger than the whole arm.
 
     """
     for role, name in (('base', base), ('tip', tip)):

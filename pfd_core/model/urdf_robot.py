@@ -46,6 +46,9 @@ from pfd_core.model.urdf import NOT_A_CHAIN, Inertial, Joint, Origin, Urdf
 from pfd_core.model.values import LARGEST, MOST_NAMES, quote, quote_all, real_number
 
 NO_BODY: Body = (0.0, np.zeros(3), np.zeros((3, 3)))
+# A body is no larger than the arm that carries it, which the offsets of joints measure. The last
+# one, whose length no offset states, may be longer so many times; a wrong unit makes it 1000.
+LONGEST_LAST = 10.0
 
 
 class TreeError(ValueError):
@@ -104,6 +107,8 @@ def robot_from_urdf(
     root_rotation, _ = chained(AT_ORIGIN, *above, frames[chain.base])
     length = max(float(np.abs(p).max()) for _, p in placements)
     bodies = _bodies(urdf, chain, frames, length, slack)
+    _warn_of_sizes(urdf, chain)
+    _warn_of_degrees(urdf)
     joints = chain.joints
     for joint in joints:
         if not joint.limited:
@@ -395,6 +400,54 @@ def _bodies(
         small = float(np.abs(J).max())
         found.append((mass, without_residue(center, length), without_residue(J, small)))
     return found
+
+
+def _warn_of_sizes(urdf: Urdf, chain: Chain) -> None:
+    """Warn of bodies that are larger, or have their centre farther away, than the arm is long."""
+    reach = sum(math.hypot(*joint.origin.xyz) + _travel(joint) for joint in urdf.joints.values())
+    found = []
+    for link, carrier in chain.carriers.items():
+        inertial = urdf.links[link]
+        if carrier is None or inertial is None or not inertial.mass or not reach:
+            continue
+        ixx, ixy, ixz, iyy, iyz, izz = inertial.inertia
+        moments = np.linalg.eigvalsh(symmetric(ixx, iyy, izz, ixy, iyz, ixz))
+        radius = math.sqrt(max(float(moments[-1]), 0.0) / inertial.mass)
+        distance = math.hypot(*inertial.origin.xyz)
+        last = carrier is chain.joints[-1]
+        if max(radius, distance) > reach * (LONGEST_LAST if last else 1.0):
+            size = f'its centre {distance:.3g} m from its frame'
+            if radius > distance:
+                size = f'a radius of gyration of {radius:.3g} m'
+            found.append(f'{quote(link)} has {size}')
+    if found:
+        more = f' and {len(found) - MOST_NAMES} more' if len(found) > MOST_NAMES else ''
+        _warn(
+            f'{quote(urdf.name)}: {", ".join(found[:MOST_NAMES])}{more}, though the offsets of '
+            f'all joints sum up to {reach:.3g} m: check units and frame of <inertial>',
+            calls=4,
+        )
+
+
+def _warn_of_degrees(urdf: Urdf) -> None:
+    """Warn of angles of more than a whole turn, which are hardly radians."""
+    origins = {f'joint {quote(name)}': joint.origin for name, joint in urdf.joints.items()}
+    bodies = urdf.links.items()
+    origins |= {f'link {quote(name)}': body.origin for name, body in bodies if body is not None}
+    for label, origin in origins.items():
+        if max(map(abs, origin.rpy)) > 1.001 * 2 * math.pi:
+            _warn(
+                f'<origin rpy> of {label} has more than a whole turn, {quote(origin.rpy)} rad: it '
+                'is taken as written. Angles of a URDF are in radians',
+                calls=4,
+            )
+            return
+
+
+def _travel(joint: Joint) -> float:
+    """Return the farthest that a joint slides [m], 0 without a limit."""
+    farthest = max(map(abs, _bounds(joint)))
+    return farthest if joint.kind == 'prismatic' and math.isfinite(farthest) else 0.0
 
 
 def _body(label: str, inertial: Inertial, length: float, slack: float) -> Body:

@@ -572,6 +572,11 @@ def test_on_timeout_hold_keeps_the_position_at_the_timeout_by_the_servo() -> Non
     np.testing.assert_allclose(state(engine, cycles=4000).position, there.position, atol=1e-9)
     # A torque command ends it.
     assert taus(engine, 1, efforts(1.0, 0.5)) == [[1.0, 0.5]]
+    # One for one joint leaves the other held.
+    settings = {'command_timeout': 0.005, 'on_timeout': 'hold', 'delay_commands': 0.001}
+    engine = made(**settings, **WEIGHTLESS, **SERVO)
+    taus(engine, 50, efforts(1.0, -0.5))
+    assert taus(engine, 4, named(['shoulder'], [0.5]))[-1][1] != 0.0
 
 
 def test_a_delayed_command_acts_some_cycles_later_and_is_judged_at_once() -> None:

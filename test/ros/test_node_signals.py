@@ -109,14 +109,19 @@ def test_a_third_signal_ends_a_node_whose_closing_hangs(processes: Processes) ->
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize('fault', ['teardown_hangs', 'exit_hangs'])
-@pytest.mark.slow
-def test_a_hang_after_the_recording_is_closed_is_ended_by_an_alarm(
-    processes: Processes, fault: str
+@pytest.mark.parametrize(
+    ('fault', 'robot', 'text'),
+    [
+        ('teardown_hangs', 'planar2', ' s of simulated time: '),
+        ('exit_hangs', 'nobody', "unknown robot 'nobody'"),
+    ],
+)
+def test_a_hang_at_the_end_of_a_run_and_of_a_start_that_fails_is_ended_by_an_alarm(
+    processes: Processes, fault: str, robot: str, text: str
 ) -> None:
-    arm = processes.faulty(fault)
-    assert arm.end(INT) in (-signal.SIGALRM, 1)
-    assert ' s of simulated time: ' in arm.text()
+    arm = processes.faulty(fault, '-p', f'robot:={robot}', ready=robot != 'nobody')
+    assert arm.end(*[INT] * (robot != 'nobody')) in (-signal.SIGALRM, 1)
+    assert text in arm.text()
 
 
 # Ways to start the node, without the arguments for ROS.

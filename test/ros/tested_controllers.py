@@ -71,9 +71,9 @@ def faulty(fault: str = '') -> Callable[[np.ndarray], Any]:
 
 # Periods of the timers of each kind, ms; kinds without a timer answer states.
 TIMERS = {
-    **dict.fromkeys(('states', 'twice', 'pairs', 'front', 'lazy', 'stamps'), ()),
+    **dict.fromkeys(('states', 'twice', 'pairs', 'back', 'lazy', 'stamps'), ()),
     **dict.fromkeys(('timer', 'wall', 'steady', 'threads'), (2,)),
-    **dict.fromkeys(('filter', 'reads', 'flag', 'both', 'back', 'cpp'), (5,)),
+    **dict.fromkeys(('filter', 'reads', 'flag', 'both', 'front', 'cpp'), (5,)),
     'two': (2, 10),
     'uneven': (3,),
 }
@@ -139,13 +139,14 @@ def node_of(kind: str, fault: str = '') -> Any:
                 time.sleep(0.002)
             if kind == 'pairs' or (kind == 'twice' and self.count == 60):
                 self.send(pd(q, 2.0 * self.slow))
-            if kind == 'front':
-                self.send(self.slow)
             if kind == 'lazy' and self.count == 3:
                 self.start(5)
 
         def on_filtered(self, message: Any) -> None:
             self.push = 0.9 * self.push - np.array(message.data)
+            # The barrier must wait for the end of the chain.
+            time.sleep(0.002)
+            self.send(pd(self.last[0], self.slow) + self.push)
 
         def tick(self, period: int) -> None:
             if self.last is None:
@@ -157,6 +158,8 @@ def node_of(kind: str, fault: str = '') -> Any:
             self.late += stamp_ns != now
             if kind == 'timer':
                 self.send(pd(q, qd))
+            elif kind == 'front':
+                self.send(self.slow)
             elif kind == 'two' and period == 10:
                 self.push = 0.5 * self.push + 2.0 * (GOAL - q) + self.slow
             elif kind != 'flag' or np.abs(self.slow).sum() > 0.5 or now % 50_000_000 == 0:

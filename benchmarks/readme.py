@@ -8,6 +8,7 @@ They come from docs/report and lie between `<!-- results -->` and `<!-- /results
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 import re
 import sys
@@ -16,7 +17,7 @@ from typing import Any
 from benchmarks.__main__ import EXPECTED, FOLDER, page_named, stored
 from benchmarks.cases import paper
 from benchmarks.pages import counts, derivatives, error, hard_cases, speed
-from benchmarks.table import page, paragraph, table
+from benchmarks.table import lines_of, page, paragraph, table
 
 WIDTH = 119
 ROOT = Path(__file__).resolve().parents[1]
@@ -51,8 +52,24 @@ def results() -> str:
     return '\n\n'.join([lines, *(paragraph(x, WIDTH) for x in sentences)])
 
 
+# Rows of the guide: which, the rows of counts.json, system and edition.
+GUIDE_ROWS = (
+    ('as printed, twists 0/90', 'right_angles', 'pcrbm', paper.AS_PRINTED),
+    ('corrected (`pcrbm_1987`), twists 0/90', 'right_angles', 'pcrbm', paper.CORRECTED),
+    ('as printed, skew axes', 'counts', 'pcrbm', paper.AS_PRINTED),
+    ('corrected (`pcrbm_1987`), skew axes', 'counts', 'pcrbm', paper.CORRECTED),
+    ('our form (`pcrbm`), skew axes', 'counts', 'pcrbm', paper.BEST_KNOWN),
+    (
+        'about the base origin (`pcrbm_base_origin`), skew axes',
+        'counts',
+        'pcrbm_base_origin',
+        paper.BEST_KNOWN,
+    ),
+)
+
+
 def steps_of_pcrbm() -> str:
-    """Return the paragraphs of the paper's guide: steps of PCRBM and how much faster it is."""
+    """Return the part of the paper's guide on steps of PCRBM and how much faster it is."""
     data = _data('counts')
 
     def at_six(name: str) -> dict[tuple[str, str], Any]:
@@ -60,43 +77,35 @@ def steps_of_pcrbm() -> str:
         rows = counts.with_baselines(found, data['serial'])
         return {(x['system'], x['edition']): x for x in rows}
 
-    at, square = at_six('counts'), at_six('right_angles')['pcrbm', paper.AS_PRINTED]
-    printed, corrected, own = (at['pcrbm', edition] for edition in paper.EDITIONS)
-    origin = at['pcrbm_base_origin', paper.BEST_KNOWN]
-    claims = [paper.TABLE['pcrbm'][kind]['printed'] for kind in paper.KINDS[:2]]
-    ratios = {
-        'square': (square, 'published'),
-        'executed': (printed, 'published'),
-        'right': (corrected, 'published'),
-        'best_own': (own, 'best'),
-        'origin': (origin, 'best'),
+    known = {name: at_six(name) for name in ('right_angles', 'counts')}
+    rows = [(which, known[name][system, edition]) for which, name, system, edition in GUIDE_ROWS]
+    published, best = (f'{rows[0][1][over]:g}' for over in ('published', 'best'))
+    columns: dict[str, Callable[[Any], str]] = {
+        'PCRBM': lambda row: row[0],
+        'packed': lambda row: _steps(row[1], ''),
+        'one lane per link': lambda row: _steps(row[1], 'unpacked_'),
+        f'times fewer than {published}': lambda row: _times(row[1], 'published'),
+        f'than {best}': lambda row: _times(row[1], 'best'),
     }
+    claims = [paper.TABLE['pcrbm'][kind]['printed'] for kind in paper.KINDS[:2]]
     return page(
         'paper-guide',
         printed_multiplications=claims[0],
         printed_additions=claims[1],
-        printed=f'{own["published"] / sum(claims):.2f}',
-        published=f'{own["published"]:g}',
-        best=own['best'],
-        square_steps=_steps(square),
-        as_printed=_steps(printed),
-        corrected=_steps(corrected),
-        own=_steps(own),
-        unpacked=_steps(own, 'unpacked_'),
-        **{name: f'{counts.speed_up(*ratio):.2f}' for name, ratio in ratios.items()},
-        **{
-            f'{name.removesuffix("_own")}_routed': f'{counts.speed_up(*ratio, True):.2f}'
-            for name, ratio in ratios.items()
-        },
+        printed=f'{float(published) / sum(claims):.2f}',
+        published=published,
+        best=best,
+        rows=lines_of([*columns], ([cell(row) for cell in columns.values()] for row in rows)),
     ).rstrip('\n')
 
 
-def _steps(x: Any, prefix: str = '') -> str:
-    """Return the steps of a row in words."""
-    kinds = ('multiplications', 'additions', 'square_roots', 'routes')
-    found = {kind.replace('_', ' '): x.get(prefix + kind) for kind in kinds}
-    words = [f'{k} {kind.removesuffix("s") if k == 1 else kind}' for kind, k in found.items() if k]
-    return f'{", ".join(words[:-1])} and {words[-1]}'
+def _steps(x: Any, prefix: str) -> str:
+    """Return the steps of arithmetic of a row, and its routes."""
+    return f'{", ".join(str(x[prefix + kind]) for kind in paper.KINDS)} / {x[prefix + "routes"]}'
+
+
+def _times(x: Any, over: str) -> str:
+    return ' / '.join(f'{counts.speed_up(x, over, routed):.2f}' for routed in (False, True))
 
 
 FILLED = {README: results, GUIDE: steps_of_pcrbm}

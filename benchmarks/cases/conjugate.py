@@ -119,11 +119,15 @@ def statuses_of(chain: tuple[int, str, int]) -> list[dict[str, Any]]:
     return rows
 
 
-def threshold(reached: Iterable[Row], statuses: Iterable[Row]) -> int:
-    """Return the fewest joints with a state that n iterations leave with an error above WITHIN."""
+def thresholds(reached: Iterable[Row], statuses: Iterable[Row]) -> dict[str, Any]:
+    """
+    Return the fewest joints with a state that n iterations leave with an error above WITHIN.
+
+    Of equal links and of varied chains; 'more' if no row has one.
+    """
     equal = [x['n'] for x in reached if x['worst_after_n'] > WITHIN]
     varied = [x['n'] for x in statuses if x['method'] == ITERATIVE[0] and x['error'] > WITHIN]
-    return int(min(equal + varied))
+    return {'equal': min(equal, default='more'), 'varied': min(varied, default='more')}
 
 
 def summary(statuses: Sequence[Row]) -> Iterator[dict[str, Any]]:

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.cases import paper
-from benchmarks.cases.conjugate import WITHIN, errors_of_iterates
+from benchmarks.cases.conjugate import STATES, WITHIN, errors_of_iterates
 from benchmarks.cases.paper import AS_PRINTED, CORRECTED, KINDS, TABLE, Recording, claimed, value
 from benchmarks.cases.problems import seeded_states
 from benchmarks.cases.robots import uniform_chain
@@ -40,9 +40,11 @@ from pfd_core.paper.newton_euler import record_inverse_dynamics
 from pfd_core.paper.set_ordering import set_ordering
 
 N = 6
-STATES = 20
-DIGITS, EXACT = 50, 1e-25  # of exact arithmetic, and an error that is convergence there
+# Of exact arithmetic: digits, states, and an error that is convergence.
+DIGITS, FEW, EXACT = 50, 3, 1e-25
 LONG = 2**15, 2**16  # joints at which the largest power of n in a formula is nearly all
+AMONG = {'n = 2 to 12': range(2, 13), 'long chains': LONG}
+POWERS = {'n': 2, 'n^2': 4, 'n^3': 8}  # growth with twice n
 SECTION_2_5 = 'P6 + 2 n + 10 h + 31 L + 170', 'P2 + 5 n + 5 h + 45 L + 125'
 TRUE, IN_EXACT, _, FALSE, NOT_DECIDED = paper.VERDICTS
 
@@ -267,6 +269,12 @@ GROWING: dict[str, Callable[[int], list[int]]] = {
     'Newton-Euler': lambda n: _pair(
         record_inverse_dynamics(resolve(uniform_chain(n)), 'unpacked').count()
     ),
+    'serial Newton-Euler': lambda n: _pair(
+        record_inverse_dynamics(resolve(uniform_chain(n)), 'sequential').count(1)
+    ),
+    'serial articulated bodies': lambda n: _pair(
+        FORWARD['articulated_body'](resolve(uniform_chain(n)), 'sequential').count(1)
+    ),
     'levels of recursive doubling': lambda n: [max(x['level'] for x in doubling(n))],
     'an iteration of PCGM': lambda n: _pair(_iteration(n)),
     'additions of set ordering': lambda n: [len(set_ordering(n)) - 1],
@@ -326,9 +334,9 @@ def formulas_of(*claims: str) -> Found:
     holds, words = True, []
     for system, order in zip(claims[::2], claims[1::2], strict=True):
         rows = [[int(x) for x in claimed(system, n)] for n in LONG]
-        # Of n^2 and n terms below vanish in long chains.
+        # Lower powers vanish in long chains.
         ratios = [rows[1][k] / rows[0][k] for k in range(2)]
-        holds &= all(abs(x / {'n': 2, 'n^2': 4}[order] - 1) < 0.05 for x in ratios)
+        holds &= all(abs(x / POWERS[order] - 1) < 0.05 for x in ratios)
         words.append(f'{system} {_joined(rows[0])}, {_joined(rows[1])}')
     return holds, f'by the formulas at n = {LONG[0]} and {LONG[1]}: {"; ".join(words)}'
 
@@ -336,14 +344,15 @@ def formulas_of(*claims: str) -> Found:
 def converged(n: int, iterations: int) -> Found:
     """Return whether PCGM has converged in every state after some iterations, with any digits."""
     robot, states = uniform_chain(n), seeded_states(n, STATES)
-    few = {name: rows[:3] for name, rows in states.items()}
+    few = {name: rows[:FEW] for name, rows in states.items()}
     errors, exact = (
         errors_of_iterates(robot, *case)[iterations] for case in ((states,), (few, DIGITS))
     )
+    median = np.sort(errors)[(STATES - 1) // 2]
     ends = bool((exact <= EXACT).all()), bool((errors <= WITHIN).all())
     found = {(True, True): TRUE, (True, False): IN_EXACT}.get(ends, FALSE)
     return found, (
-        f'n = {n}: after {iterations} iterations the error is {np.median(errors):.0e} in the '
+        f'n = {n}: after {iterations} iterations the error is {median:.0e} in the '
         f'median and {errors.max():.0e} at worst of {STATES} states, with {DIGITS} digits '
         f'{float(max(exact)):.0e} at worst of {len(exact)}'
     )
@@ -356,14 +365,24 @@ def refuted_by_growth(what: str, *orders: str) -> Found:
 
 
 def fewer(other: str, *ones: str) -> Found:
-    """Compare formulas or totals of Table 1: whether each is less than the other up to n = 12."""
-
-    def total(name: str, n: int) -> float:
-        return float(sum(claimed(name, n)) if name in TABLE else value(name, n))
-
-    won = [sum(total(one, n) < total(other, n) for n in range(2, 13)) for one in ones]
+    """Compare totals by Table 1: whether each is less than the other up to n = 12."""
+    won = [sum(_total(one, n) < _total(other, n) for n in range(2, 13)) for one in ones]
     words = (f'{one} is less than {other} at {k}' for one, k in zip(ones, won, strict=True))
     return won == [11] * len(won), 'by the formulas, ' + ', '.join(words) + ' of 11 n, 2 to 12'
+
+
+def least(among: str, one: str, *others: str) -> Found:
+    """Compare totals by Table 1: whether one is less than all others at each n of AMONG."""
+    sizes = AMONG[among]
+    won = [all(_total(one, n) < _total(other, n) for other in others) for n in sizes]
+    return all(won), (
+        f'by the formulas, {one} is less than {", ".join(others)} at {sum(won)} of {len(won)} n, '
+        f'{min(sizes)} to {max(sizes)}'
+    )
+
+
+def _total(system: str, n: int) -> float:
+    return float(sum(claimed(system, n)))
 
 
 def fewer_executed(one: str, other: str) -> Found:

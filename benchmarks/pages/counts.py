@@ -113,6 +113,14 @@ def efficiency(x: Row, over: str, routed: bool = False) -> float:
     return speed_up(x, over, routed) / float(x['units'])
 
 
+def in_words(x: Row, prefix: str = '') -> str:
+    """Return the steps of a row in words."""
+    kinds = ('multiplications', 'additions', 'square_roots', 'routes')
+    found = {kind.replace('_', ' '): x[prefix + kind] for kind in kinds}
+    words = [f'{k} {kind.removesuffix("s") if k == 1 else kind}' for kind, k in found.items() if k]
+    return f'{", ".join(words[:-1])} and {words[-1]}'
+
+
 def with_baselines(rows: Iterable[Row], serial: Iterable[Row]) -> list[dict[str, Any]]:
     """Return rows with `best` and `published`, the arithmetic of one processor; not of PCGM."""
     known = {x['n']: x for x in serial}
@@ -172,11 +180,14 @@ def text(data: dict[str, Any]) -> str:
         claims=table(CLAIMS, _claims(at, square)),
         parts=table(PARTS, data['parts']),
         square_speed_up=f'{speed_up(printed_square, "published"):.2f}',
+        square_routed=f'{speed_up(printed_square, "published", True):.2f}',
+        square_unpacked=in_words(printed_square, 'unpacked_'),
         **array_by_the_formulas(),
         states=conjugate.STATES,
-        threshold=conjugate.threshold(data['reached'], data['statuses']),
+        **conjugate.thresholds(data['reached'], data['statuses']),
         within=f'{conjugate.WITHIN:g}',
         roundings=f'{ROUNDINGS:g}',
+        right=conjugate.RIGHT,
         statuses=table(STATUSES, conjugate.summary(data['statuses'])),
         reached=grid(
             {(x['n'], 'after n'): AFTER_N.format(**x) for x in data['reached']}

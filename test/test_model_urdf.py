@@ -531,6 +531,68 @@ def test_a_massless_link_within_the_chain_is_loaded_and_warned_of() -> None:
         pfd.load_robot(re.sub('<link name="arm">.*</link>', '<link name="arm"/>', explicit))
 
 
+DECLARED = (
+    '<?xml version="1.0" encoding="{}"?>\n<!-- {} -->\n' + ODD_ARM[ODD_ARM.index('<robot') :]
+)
+
+
+@pytest.mark.parametrize(
+    ('encoding', 'word'),
+    [
+        *(('UTF-8', '\u673a\u68b0\u81c2'), ('iso-8859-1', 'bras \xe0 un axe')),
+        *(('GB2312', '\u673a\u68b0\u81c2'), ('Shift_JIS', '\u8155'), ('windows-1252', '\u20ac')),
+        *(('UTF-16', '\u673a\u68b0\u81c2'), ('utf-32', 'arm'), ('us-ascii', 'arm')),
+    ],
+)
+def test_a_file_is_read_in_the_encoding_that_it_declares(
+    tmp_path: Path, encoding: str, word: str
+) -> None:
+    path = tmp_path / 'arm.urdf'
+    path.write_bytes(DECLARED.format(encoding, word).encode(encoding))
+    assert pfd.load_robot(path) == pfd.load_robot(ODD_ARM)
+    # The text is published, and written by others in UTF-8.
+    text = pfd.urdf_of(path)
+    assert word in text
+    path.write_text(text, encoding='utf-8')
+    assert pin.buildModelFromUrdf(str(path)).njoints == 7
+
+
+@pytest.mark.parametrize(
+    ('encoding', 'message'),
+    [
+        ('utf-8', r"arm\.urdf', line 2: 'utf-8' codec can't decode byte 0xe0"),
+        ('GB2312', r"arm\.urdf', line 2: 'gb2312' codec can't decode"),
+        *((name, f'unknown encoding: {name}') for name in ('klingon', 'punycode', 'utf-7')),
+        ('base64', "'base64' is not a text encoding"),
+    ],
+)
+def test_a_wrong_encoding_is_refused_and_named(
+    tmp_path: Path, encoding: str, message: str
+) -> None:
+    path = tmp_path / 'arm.urdf'
+    path.write_bytes(DECLARED.format(encoding, '\xe0').encode('latin-1'))
+    with pytest.raises(ValueError, match=message) as caught:
+        pfd.load_robot(path)
+    assert len(str(caught.value)) < 500
+
+
+def test_the_other_half_of_an_inertia_may_be_written_and_must_be_the_same() -> None:
+    inertia = 'ixx="0.1" ixy="0.01" ixz="-0.02" iyy="0.2" iyz="0.03" izz="0.25"'
+    old = re.search(r'<inertia ([^/]*)/>', ODD_ARM[ODD_ARM.index('name="turret"') :])
+    assert old is not None
+    turret = ODD_ARM.index('name="turret"')
+    text = ODD_ARM[:turret] + ODD_ARM[turret:].replace(old[1], inertia, 1)
+    whole = text.replace(inertia, f'{inertia} iyx="0.01" izx="-0.02" izy="0.0300000001"')
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        assert pfd.load_robot(whole) == pfd.load_robot(text)
+    for key, same, value in (('iyx', 'ixy', 0.01), ('izx', 'ixz', -0.02), ('izy', 'iyz', 0.03)):
+        with pytest.raises(
+            ValueError, match=f"<inertia {key}> of link 'turret' must equal {same}, {value}, got 0"
+        ):
+            pfd.load_robot(text.replace(inertia, f'{inertia} {key}="0"'))
+
+
 BOMB = '<!DOCTYPE r [<!ENTITY a0 "x">{}]><robot name="&a30;"><link name="a"/></robot>'.format(
     ''.join(f'<!ENTITY a{i + 1} "&a{i};&a{i};">' for i in range(30))
 )

@@ -10,12 +10,14 @@ the first such file.
 
 from __future__ import annotations
 
+from codecs import lookup
 from collections.abc import Mapping
 import errno
 from importlib.resources import files
 from importlib.util import find_spec
 from os import PathLike, fspath
 from pathlib import Path
+import re
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -41,6 +43,21 @@ LARGEST_FILE = 16 * 2**20
 # Writers of URDF print pi/2 as 1.570796325 or longer: so many digits mean a right angle, and only
 # an exact one gives zeros, which a kernel drops. 1.5708 is taken as written.
 RIGHT_ANGLE_SLACK = 1e-8
+# Byte order marks, the longer first, and the encoding that an XML declares in its first line.
+MARKS = {
+    b'\xef\xbb\xbf': 'utf-8-sig',
+    b'\xff\xfe\x00\x00': 'utf-32',
+    b'\x00\x00\xfe\xff': 'utf-32',
+    b'\xff\xfe': 'utf-16',
+    b'\xfe\xff': 'utf-16',
+}
+DECLARATION = re.compile(
+    r"""\s*<\?xml\b[^<>]*?\bencoding\s*=\s*["'](?P<encoding>[A-Za-z][\w.-]*)["']""", re.ASCII
+)
+LONGEST_DECLARATION = 200
+# Encodings of Python that no file declares: they take long, or depend on the machine.
+NOT_OF_FILES = {'idna', 'mbcs', 'oem', 'punycode', 'undefined', 'utf-7'}
+NOT_OF_FILES |= {'unicode-escape', 'raw-unicode-escape'}
 URDF, XACRO, YAML = ('.urdf', '.xml'), '.xacro', ('.yaml', '.yml')
 # A xacro file is a program, which may not end: it is expanded in a process with a bound on its
 # time. The description of a UR or Panda takes 0.1 to 0.3 s.
@@ -183,10 +200,10 @@ def _read(source: object) -> tuple[str, str, bool]:
             f'unknown robot {quote(str(source))}: known are {", ".join(known_robots())}; or '
             'give the path of a .urdf, .xacro or .yaml file'
         )
-    text = _text('robot', path)
     if path.suffix == XACRO:
+        _content('robot', path)
         return _expanded(path), str(path), True
-    return text, str(path), path.suffix in URDF
+    return _text('robot', path), str(path), path.suffix in URDF
 
 
 def _path(source: object, expected: str) -> Path:
@@ -204,7 +221,39 @@ def _is_there(path: Path) -> bool:
 
 
 def _text(noun: str, path: Path) -> str:
-    """Return the text of a file; ValueError for a pipe, a device and a file that is too large."""
+    """Return the text of a file; ValueError as for `_content`, and for bytes that are no text."""
+    content = _content(noun, path)
+    try:
+        return _decoded(content)
+    except UnicodeDecodeError as error:
+        line = 1 + content.count(b'\n', 0, error.start)
+        raise ValueError(f'cannot read {quote(str(path))}, line {line}: {error}') from error
+    except LookupError as error:
+        raise ValueError(f'cannot read {quote(str(path))}: {error}') from error
+
+
+def _decoded(content: bytes) -> str:
+    """
+    Return the text of bytes: by their byte order mark, the declaration of an XML, or UTF-8.
+
+    A declaration of another encoding becomes UTF-8, in which the text is published and recorded.
+    LookupError for an unknown encoding, UnicodeDecodeError for bytes that it does not have.
+    """
+    declared = DECLARATION.match(content[:LONGEST_DECLARATION].decode('latin-1'))
+    stated = declared['encoding'] if declared else 'utf-8'
+    encoding = next((name for mark, name in MARKS.items() if content.startswith(mark)), stated)
+    if lookup(encoding).name in NOT_OF_FILES:
+        raise LookupError(f'unknown encoding: {encoding}')
+    text = content.decode(encoding)
+    declared = DECLARATION.match(text[:LONGEST_DECLARATION])
+    if declared is None or lookup(declared['encoding']).name == 'utf-8':
+        return text
+    start, end = declared.span('encoding')
+    return f'{text[:start]}UTF-8{text[end:]}'
+
+
+def _content(noun: str, path: Path) -> bytes:
+    """Return the bytes of a file; ValueError for a pipe, a device and a file that is too large."""
     if not _is_there(path):
         raise ValueError(f'no {noun} file {quote(str(path))} (looked in {quote(str(Path.cwd()))})')
     try:
@@ -214,10 +263,9 @@ def _text(noun: str, path: Path) -> str:
             content = file.read(LARGEST_FILE + 1)
         if len(content) > LARGEST_FILE:
             raise OSError(errno.EFBIG, f'it is larger than {LARGEST_FILE} bytes')
-        return content.decode('utf-8-sig')
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, 'strerror', None) or error
-        raise ValueError(f'cannot read {quote(str(path))}: {reason}') from error
+    except OSError as error:
+        raise ValueError(f'cannot read {quote(str(path))}: {error.strerror or error}') from error
+    return content
 
 
 def _expanded(path: Path) -> str:

@@ -27,6 +27,10 @@ NOT_A_CHAIN = ('floating', 'planar')
 # A limit of this size means no limit: pfd_core.model.urdf_writer has no other number for it.
 LARGEST_LIMIT = sys.float_info.max
 INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
+# The other half of the symmetric matrix, which exporters of CAD write too, and the largest
+# difference between the halves, as a share of the largest element, that is rounding.
+OTHER_HALF = {'iyx': 'ixy', 'izx': 'ixz', 'izy': 'iyz'}
+HALVES_TOLERANCE = 1e-6
 # Versions of the format; from 1.1 on an orientation may be a quaternion.
 VERSIONS, QUATERNIONS = ('1.0', '1.1', '1.2'), 'quat_xyzw'
 # Rotors: local name of the inertia -> local names of the ratio. The format has no element for the
@@ -45,7 +49,7 @@ KNOWN: Mapping[str, tuple[str, ...]] = {
     'inertial': ('origin', 'mass', 'inertia'),
     'origin': ('xyz', 'rpy'),
     'mass': ('value',),
-    'inertia': INERTIA_KEYS,
+    'inertia': (*INERTIA_KEYS, *OTHER_HALF),
     'joint': (
         *('name', 'type', 'origin', 'parent', 'child', 'axis', 'limit', 'dynamics', 'mimic'),
     ),
@@ -359,11 +363,16 @@ def _inertial(link: Element, label: str, turned: bool) -> Inertial | None:
     mass, inertia = _only(element, 'mass', label), _only(element, 'inertia', label)
     if mass is None or inertia is None:
         raise ValueError(f'<inertial> of {label} must have a <mass> and an <inertia>')
-    return Inertial(
-        _number(mass, 'value', label),
-        _origin(element, label, turned),
-        tuple(_number(inertia, key, label) for key in INERTIA_KEYS),
-    )
+    elements = {key: _number(inertia, key, label) for key in INERTIA_KEYS}
+    largest = max(map(abs, elements.values()))
+    for key, same in OTHER_HALF.items():
+        other = _number(inertia, key, label, elements[same])
+        if abs(other - elements[same]) > HALVES_TOLERANCE * largest:
+            raise ValueError(
+                f'<inertia {key}> of {label} must equal {same}, {elements[same]}, got {other}'
+            )
+    origin = _origin(element, label, turned)
+    return Inertial(_number(mass, 'value', label), origin, tuple(elements.values()))
 
 
 def _joint(element: Element, name: str, turned: bool) -> Joint:

@@ -29,7 +29,7 @@ from pfd_ros.arm.frames import LinkFrames
 from pfd_ros.arm.outputs import Outputs
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.state import State
-from pfd_ros.messages.cdr import NANOSECONDS
+from pfd_ros.messages.cdr import LAST_SECOND, NANOSECONDS
 from pfd_ros.messages.text_and_arrays import encode_string
 from pfd_ros.text import cut
 
@@ -48,8 +48,7 @@ LARGEST = 1 << 16
 # Refused inputs of a kind, role and label, are recorded up to so many bytes in a simulated second,
 # with so many for each, and counted beyond that: no flood fills the disk.
 REFUSED_BYTES, OVERHEAD = 1 << 16, 100
-# The largest time of a stamp, ns: its seconds have 31 bits.
-LAST_NS = (1 << 31) * NANOSECONDS - 1
+LAST_NS = (LAST_SECOND + 1) * NANOSECONDS - 1
 # Settings that may differ between the run that saved a state and the run that continues from it.
 PER_RUN = frozenset(
     {'start_time', 'real_time_factor', 'recording', 'recording_time', 'recording_tf_rate'}
@@ -195,7 +194,7 @@ class Engine(Arm):
     def _cycle(self, state: State) -> None:
         state.cycle += 1
         if state.origin_ns + state.cycle * self._step_ns > LAST_NS:
-            self.fail(f'simulated time is at its end: stamps hold {LAST_NS // NANOSECONDS} s')
+            self.fail(f'simulated time is at its end: stamps hold {LAST_SECOND} s')
         if self.watched and not state.failure and self.link.advance(state):
             self.note_inputs()
         if self.wrenched and wrench.advance(state):

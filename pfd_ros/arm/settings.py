@@ -23,7 +23,7 @@ from pfd_ros.arm.events import MOST_STEPS, OPTIONAL
 from pfd_ros.arm.noise import LARGEST_SEED
 from pfd_ros.arm.plant_settings import PlantSettings
 from pfd_ros.arm.setting_fields import Row, check_values, rows_of, setting, typed
-from pfd_ros.messages.cdr import NANOSECONDS
+from pfd_ros.messages.cdr import LAST_SECOND, NANOSECONDS
 from pfd_ros.text import cut, listed
 
 # How far a product of step size and rate may lie from a whole number before it is refused:
@@ -173,7 +173,11 @@ class Settings(CommandSettings, PlantSettings, DescriptionSettings, SensorSettin
         'own', 'Clock: its own, or the /clock of another node', values=('own', 'clock')
     )
     start_time: float = setting(
-        0.0, 'Time before the first step, s; -1 is the time of day', 0.0, 2e9, or_else=TIME_OF_DAY
+        0.0,
+        'Time before the first step, s; -1 is the time of day',
+        0.0,
+        float(LAST_SECOND),
+        or_else=TIME_OF_DAY,
     )
     real_time_factor: float = _dynamic(
         1.0,
@@ -227,7 +231,10 @@ class Settings(CommandSettings, PlantSettings, DescriptionSettings, SensorSettin
     @classmethod
     def from_json(cls, text: str) -> Settings:
         """Return the settings of `to_json`; ValueError for other texts, as `from_values`."""
-        return cls.from_values(json.loads(text))
+        try:
+            return cls.from_values(json.loads(text))
+        except RecursionError:
+            raise ValueError('the settings are nested too deep, expected a JSON object') from None
 
     def to_json(self) -> str:
         """Return the settings as JSON text; every number comes back with the same bits."""

@@ -20,6 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 HEADER = b'\x00\x01\x00\x00'
 NANOSECONDS = 1_000_000_000
+# The largest whole second of a stamp, which has 31 bits.
+LAST_SECOND = (1 << 31) - 1
 # A builtin_interfaces/Time, and its place in a message that begins with one.
 TIME = struct.Struct('<iI')
 STAMP = len(HEADER)

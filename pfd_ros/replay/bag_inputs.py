@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import ARRAY, NAMED, SET_STATE, Message
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.cdr import NANOSECONDS
+from pfd_ros.messages.cdr import LAST_SECOND, NANOSECONDS
 from pfd_ros.messages.joints import decode_joints, encode_joints
 from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
 from pfd_ros.recording.arrays import LogArrays, new_names, renamed
@@ -29,8 +29,6 @@ from pfd_ros.text import cut, listed
 
 # A longer time without a message means that the clock of a bag was changed, s.
 LONGEST_GAP = 3600.0
-# Latest start time of an arm, s; see Settings.start_time.
-LATEST_START = 2e9
 # Topic of the states where the topic of the commands has none.
 USUAL_STATES = '/joint_states'
 
@@ -99,7 +97,7 @@ class BagInputs:
         """
         self.start_ns, self._first = self._first_state(names)
         start = (self.start_ns - settings.step_ns) / NANOSECONDS
-        if given or not 0.0 <= start < LATEST_START:
+        if given or not 0.0 <= start <= LAST_SECOND:
             return settings
         return replace(settings, start_time=start)
 

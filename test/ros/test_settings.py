@@ -159,7 +159,7 @@ def test_a_wrong_setting_is_refused_and_named() -> None:
         assert len(str(refused.value)) < 300
 
 
-@pytest.mark.parametrize('text', ['1', 'null', '"a"', '[]', '{', ''])
+@pytest.mark.parametrize('text', ['1', 'null', '"a"', '[]', '{', '', '[' * 200_000])
 def test_a_text_that_is_no_table_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match=r'expected|Expecting'):
         Settings.from_json(text)
@@ -192,6 +192,8 @@ def test_a_run_that_continues_begins_at_the_stamp_or_later(stamp_ns: int) -> Non
 
 def test_the_time_of_day_takes_the_place_of_minus_one_alone() -> None:
     assert Settings(start_time=-1.0).started(5.00049, 0).start_time == 5.0
+    # A day in 2038: stamps end in the night after 18 January.
+    assert Settings(start_time=-1.0).started(2_147_400_000.0, 0).start_time == 2_147_400_000.0
     assert Settings(start_time=3.0).started(5.0, 0).start_time == 3.0
 
 

@@ -18,7 +18,9 @@ To change or add
 
     an effect of a joint    an Effect in model.effects.EFFECTS and a field of model.scene.Scene.
                             An effect on motors also needs its torque in dynamics.drives; dry
-                            friction its law in simulation.dry (Law.size, Law.bound)
+                            friction its law in simulation.dry.Law.size and
+                            simulation.dry.Law.bound. An effect that depends on the torque of the
+                            motor acts over a step, as load_friction there
     rotor inertia           config/robots/*.yaml, read by model.yaml_files (_losses); of a URDF by
                             model.urdf (_armature); estimated by model.rotors; acts with
                             Scene(armature=...)
@@ -28,6 +30,11 @@ To change or add
     a quantity              a module of dynamics and a row of dynamics.quantities
     an explicit integrator  a row of simulation.tableaux.TABLEAUX, for every scene and for
                             linearised steps
+    an adaptive integrator  its coefficients and a row of simulation.embedded_pairs.PAIRS
+    what a kernel compiles  kernels.compile.compile_kernel -> kernels.spec.KernelSpec ->
+                            kernels.recipes.recipe_of, which records a program of dynamics ->
+                            kernels.lower.lower -> kernels.generate.kernel_functions ->
+                            kernels.native.compile_kept; called through kernels.kernel.Kernel
     sine and cosine         kernels.sines
     threads of batches      kernels.threads: thread_count, block_size
 

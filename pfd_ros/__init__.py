@@ -26,20 +26,27 @@ Only `node`, `testing`, `demo`, `view.live`, `cli.send` and `replay.publish` imp
 To change or add
 
     an input                a row of arm.events.ROLES, a rule in arm.engine.RULES
-    a published topic       a row of arm.events.ROLES, a writer in arm.outputs; a line of
-                            config/sim_arm.yaml (`outputs`) and of docs/guides/node.md, a case of
-                            test/ros/test_arm_outputs.py. A topic that is not published with each
-                            state has a separate publisher, as in node.lifecycle
+    a published topic       a row of arm.events.ROLES; a line of config/sim_arm.yaml (`outputs`)
+                            and of docs/guides/node.md, a case of test/ros/test_arm_outputs.py.
+                            With a quantity of the model in the row, arm.plant compiles it and
+                            arm.outputs writes it without further code; a new quantity is a row of
+                            pfd_core.dynamics.quantities. Others have a writer in arm.outputs. A
+                            topic that is not published with each state has a separate publisher,
+                            as in node.lifecycle
     frames of the links     arm.frames: /tf of recordings
     a parameter             a field of arm.settings.Settings, a line of config/sim_arm.yaml
-    NaN in a command        arm.commands.named (keeps the last value), arm.commands.array (the
-                            message is refused)
-    a rejected command      judged in arm.commands, counted and recorded by arm.engine.Engine,
-                            logged by node.report.report_arm
+    NaN in a command        arm.commands.named: some keep the last value; if all are NaN, the
+                            message is refused quietly as all_nan, which /diagnostics alone counts.
+                            arm.commands.array: refused as not_finite
+    a rejected command      refused in arm.commands; recorded, and published on ~/rejected, by
+                            arm.engine.Engine; counted for users in node.report.Report.count: log
+                            lines (node.report.report_arm), /diagnostics (node.diagnostics), the
+                            last line of a run (node.report.summary)
     log lines, diagnostics  node.report, node.diagnostics
-    metadata of recordings  recording.format.HeadKey and recording.format.EndKey, written by
-                            recording.recorder.Recorder; from recording.provenance.versions and
-                            recording.recorder.totals_of
+    metadata of recordings  recording.format.HeadKey and recording.format.EndKey; written by
+                            recording.recorder.Recorder, from recording.provenance.versions and
+                            recording.recorder.totals_of; read by recording.log.Log (for replay)
+                            and recording.arrays.read_log (for page.page and recording.facts)
     what-if                 cli.logs -> replay.what_if.what_if: changes of the arm in
                             replay.changed_settings, inputs in replay.inputs (of a bag in
                             replay.bag_inputs), the new file by recording.recorder, both motions

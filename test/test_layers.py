@@ -181,36 +181,50 @@ def test_the_docstring_of_each_package_is_a_map_of_its_modules() -> None:
 
 
 def defined(path: Path) -> set[str]:
-    """Return the names that a module defines."""
+    """Return the names that a module defines, those of the members of a class with its name."""
     found = set()
     for node in ast.parse(path.read_text(encoding='utf-8')).body:
         if isinstance(node, ast.ClassDef | ast.FunctionDef):
             found.add(node.name)
+            members = [x for x in node.body if isinstance(x, ast.FunctionDef)]
+            found |= {f'{node.name}.{member.name}' for member in members}
         targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, 'target', node)]
         found |= {target.id for target in targets if isinstance(target, ast.Name)}
     return found
 
 
 def unknown_names(docstring: str, found: dict[str, Path]) -> list[str]:
-    """Return the dotted names and the files in a docstring of pfd_ros that do not exist."""
+    """Return the dotted names and the files in a docstring that do not exist."""
     wrong = []
-    for name in re.findall(rf'(?<![\w./])(?:{"|".join(PFD_ROS)})(?:\.\w+)+', docstring):
-        module, _, attribute = f'pfd_ros.{name}'.rpartition('.')
-        if f'pfd_ros.{name}' not in found and not (
-            module in found and attribute in defined(found[module])
-        ):
+    packages = dict.fromkeys(PFD_CORE, 'pfd_core.') | dict.fromkeys(PFD_ROS, 'pfd_ros.')
+    pattern = rf'(?<![\w./])(pfd_(?:core|ros)\.)?({"|".join(packages)})((?:\.\w+)+)'
+    for package, subpackage, rest in re.findall(pattern, docstring):
+        parts = f'{package or packages[subpackage]}{subpackage}{rest}'.split('.')
+        name, attributes = '.'.join(parts), list[str]()
+        while '.'.join(parts) not in found:
+            attributes.insert(0, parts.pop())
+        if attributes and '.'.join(attributes) not in defined(found['.'.join(parts)]):
             wrong.append(name)
     files = re.findall(r'\b(?:config|docs|test)/[\w/]+\.\w+', docstring)
     return wrong + [name for name in files if not (ROOT / name).is_file()]
 
 
-@pytest.mark.parametrize('package', ['pfd_ros', *(f'pfd_ros.{name}' for name in PFD_ROS)])
+@pytest.mark.parametrize(
+    'package',
+    [
+        *('pfd_core', *(f'pfd_core.{name}' for name in PFD_CORE)),
+        *('pfd_ros', *(f'pfd_ros.{name}' for name in PFD_ROS)),
+    ],
+)
 def test_every_name_in_the_docstring_of_a_package_exists(package: str) -> None:
     found = modules()
     docstring = ast.get_docstring(ast.parse(found[package].read_text(encoding='utf-8'))) or ''
     assert unknown_names(docstring, found) == []
     wrong = ['arm.nothing', 'node.report.nothing', 'nothing.report.Report', 'docs/nothing.md']
-    assert unknown_names(f'{docstring} {" ".join(wrong)}', found) == [*wrong[:2], wrong[3]]
+    wrong += ['node.report.Report.nothing', 'pfd_core.dynamics.nothing']
+    expected = ['pfd_ros.arm.nothing', 'pfd_ros.node.report.nothing']
+    expected += ['pfd_ros.node.report.Report.nothing', *wrong[5:], wrong[3]]
+    assert unknown_names(f'{docstring} {" ".join(wrong)}', found) == expected
 
 
 def test_names_of_functions_that_tables_load_at_first_use_exist() -> None:

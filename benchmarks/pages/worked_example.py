@@ -312,7 +312,7 @@ def _lanes(rows: Sequence[Row], folder: Path) -> Path:
     steps = [x for x in rows for _ in range(x['steps'])]
     half, high, left = -(-len(steps) // 2), 22, 60
     wide = 2.0
-    drawing = Drawing(left + half * wide + 20, 2 * (LANES * high + 62) + 66, 'PCRBM lane by time')
+    drawing = Drawing(left + half * wide + 20, 2 * (LANES * high + 62) + 84, 'PCRBM lane by time')
     title = f'PCRBM, corrected, n = {LANES}: {len(steps)} steps'
     drawing.text(left, 22, title, 14, 'start', bold=True)
     legend = [*COLORS.items(), ('routes', MOVED), ('idle', PAPER)]
@@ -337,14 +337,20 @@ def _lanes(rows: Sequence[Row], folder: Path) -> Path:
         for name, equal in groupby(PAPER_STEPS[x['section']] for x in own):
             width = len(list(equal))
             drawing.box(left + at * wide, top - 6, 1, LANES * high + 6, GREY)
-            if width > 8:
+            if width > 4:
                 drawing.text(left + (at + width / 2) * wide, top - 10, name, 13)
             at += width
         y = top + LANES * high + 16
         drawing.text(left, y, f'step {part * half + 1}', 13, 'start', FAINT)
         drawing.text(left + at * wide, y, f'step {part * half + at}', 13, 'end', FAINT)
-    words = 'Above the lanes: the steps of the paper, in the order in which the program runs.'
-    drawing.text(left, 2 * (LANES * high + 62) + 60, words, 13, 'start')
+    captions = (
+        'Above the lanes: the steps of the paper, in the order in which the program runs. Step 9 '
+        'needs step 2 alone, and goes on below.',
+        'Steps 7 and 8 are twice: first n_jj and the diagonal of H, then the pairs i < j and the '
+        'row sweep.',
+    )
+    for k, words in enumerate(captions):
+        drawing.text(left, 2 * (LANES * high + 62) + 60 + 18 * k, words, 13, 'start')
     return drawing.save(folder, 'pcrbm-lanes.svg')
 
 

@@ -4,9 +4,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from itertools import accumulate
 import math
+from pathlib import Path
+import re
 from typing import Any
 
 from bridge import (
@@ -229,3 +231,38 @@ def test_the_array_solves_the_equation_of_the_worked_example() -> None:
     # The last result of each diagonal cell is an element of the solution.
     last = {x['row']: x['number'] for x in rows if x['row'] == x['column']}
     assert list(last.values()) == pytest.approx(np.linalg.solve(H, y))
+
+
+def answers() -> list[str]:
+    """Return the answers of the guide, each in one line."""
+    path = Path(__file__).resolve().parent.parent / 'docs' / 'guides' / 'paper.md'
+    text = path.read_text(encoding='utf-8').partition('\nAnswers:\n')[2]
+    return [' '.join(x.split()) for x in re.split(r'^[1-9]\. ', text, flags=re.MULTILINE)[1:]]
+
+
+def written(numbers: Iterable[float]) -> str:
+    return f'({", ".join(f"{x:.6g}" for x in numbers)})'
+
+
+def test_answers_of_the_guide_are_the_numbers_of_the_worked_example(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found = answers()
+    assert len(found) == 9
+    rows = worked_example.example('pcrbm')
+    E = [one['lanes'][0] for one in rows if one['step'] == '5'][-1]
+    assert found[0].split(' = ')[2].startswith(written(E[k] for k in (0, 3, 5)))
+    second = {x['name']: x['lanes'] for x in worked_example.example('pcgm')}
+    names = {name.split(' = ')[0]: lanes for name, lanes in second.items()}
+    assert f'{names["gamma_1"][0]:.6g}' in found[3]
+    assert written(names['x_2']) in found[3]
+    # P_42 first acts on h_44, which comes first in its row.
+    cycles = enumerate(array_page.RUNS['solve'](4).actions, 1)
+    first = next(cycle for cycle, acting in cycles if (4, 2) in acting)
+    assert found[7].endswith(f'= {first}.')
+    monkeypatch.setitem(worked_example.STATE, 'qd', np.zeros(3))
+    assert f'b = {written(planar_equation()[1])}' in found[1]
+    monkeypatch.setattr(worked_example, 'MASSES', np.array([2.0, 1.0, 3.0]))
+    H, _ = planar_equation()
+    values = dict(re.findall(r'h_(\d\d) = (?:[^,]* = )?(\d+)', found[2]))
+    assert values == {f'{i + 1}{k + 1}': f'{H[i, k]:g}' for i in range(3) for k in range(i, 3)}

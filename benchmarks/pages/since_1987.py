@@ -145,7 +145,7 @@ def system_time(rows: Iterable[Row], system: str, n: int, network: str, price: f
 
 METHOD_COLUMNS: Columns = {
     'n': 'n',
-    'method': 'title',
+    'method': lambda x: f'{x["title"]} (`{x["system"]}`)',
     'processors': 'processors',
     'multiplications': 'multiplications',
     'additions': 'additions',

@@ -13,10 +13,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import TimeoutError as LateError
 from contextlib import suppress
 from dataclasses import replace
-from fnmatch import fnmatchcase
 import itertools
 import json
 from pathlib import Path
+import re
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -168,10 +168,12 @@ def unused_files(args: Sequence[str], full_name: str) -> Iterator[str]:
         with suppress(OSError, UnicodeDecodeError, yaml.YAMLError):
             text = Path(path).read_text(encoding='utf-8')
             sections = list(_sections(yaml.load(text, yaml.CSafeLoader)))
-            # '/**' stands for any names, '*' for a part of one.
-            if sections and not any(
-                fnmatchcase(full_name, section.replace('/**', '*')) for section in sections
-            ):
+            # As rcl reads them: '/**' stands for any names, '*' for a part of one.
+            patterns = [
+                re.escape(section).replace(r'/\*\*', '(/.*)?').replace(r'\*', '[^/]*')
+                for section in sections
+            ]
+            if sections and not re.fullmatch('|'.join(patterns), full_name):
                 yield (
                     f'{path} has no parameters for {full_name}, only for {listed(sections)}: '
                     f"write {full_name.rpartition('/')[2]!r} or '/**' in it"

@@ -238,7 +238,11 @@ def _facts(run: Recorded) -> Iterator[tuple[str, str]]:
     if run.settings:
         taken = sum(len(x) for role in INPUTS if (x := run.of_role(role)) is not None)
         yield 'inputs', f'{taken}, {len(run.of_role(REJECTED) or ())} rejected'
-        yield 'recorded by', f'pfd {dict(json.loads(log.head.get("versions", "{}"))).get("pfd")}'
+        model = ', '.join(f'{run.settings.get(x)}' for x in ('integrator', 'method'))
+        yield 'simulation', f'{model}, step {run.settings.get("step_size")} s'
+    versions = json.loads(log.head.get('versions') or '{}')
+    if isinstance(versions, dict) and versions.get('pfd'):
+        yield 'recorded by', f'pfd {versions["pfd"]}'
 
 
 def _origin(run: Recorded) -> str:

@@ -20,6 +20,7 @@ from bridge import (
     PCRBM_A_8,
     PCRBM_CHOLESKY,
     PCRBM_STEP_6,
+    SERIAL_METHODS,
     record_pcgm_1987,
     record_pcrbm_1987,
     resolve_plant,
@@ -430,7 +431,74 @@ def test_a_singular_matrix_has_no_error_and_is_no_answer() -> None:
     robot = uniform_chain(2)
     light = replace(robot, masses=np.zeros(2), inertias=np.zeros((2, 3, 3)))
     run = pfd.emulate(light, *np.ones((3, 2)), method='pcgm')
-    assert (run.status, run.error) == ('not_converged', np.inf)
+    assert (run.status, run.error) == ('not_positive_definite', np.inf)
+
+
+ALL_METHODS = pfd.METHODS + pfd.EMULATED_METHODS
+
+
+def tip_on_its_axis(inertia: float) -> pfd.Robot:
+    """Return four turning joints on skew axes, the last with a point mass on its axis, nearly."""
+    robot = random_chain(np.random.default_rng(5), 4, 0.0)
+    A, a = robot.rotations[-1], robot.translations[-1]
+    centers, inertias = robot.centers.copy(), robot.inertias.copy()
+    centers[-1], inertias[-1] = A.T @ (np.array([0.0, 0.0, 0.1]) - a), inertia * np.eye(3)
+    return replace(robot, centers=centers, inertias=inertias)
+
+
+@pytest.mark.parametrize('method', sorted(set(ALL_METHODS) - {'constraint_forces'}))
+def test_an_arm_that_is_singular_up_to_rounding_has_one_status_of_all_methods(
+    method: str,
+) -> None:
+    state = np.random.default_rng(6).normal(size=(3, 4))
+    run = pfd.emulate(tip_on_its_axis(0.0), *state, method=method)
+    assert run.status == 'not_positive_definite'
+    light = pfd.emulate(tip_on_its_axis(1e-8), *state, method=method)
+    assert light.status != 'not_positive_definite'
+
+
+@pytest.mark.parametrize(
+    ('method', 'chain', 'digits'),
+    [
+        ('constraint_forces', (6, 'masses over 8 decades', 2), 1e-8),
+        ('divide_and_conquer', (4, 'heavy tip', 27), 1e-11),
+    ],
+)
+def test_a_direct_method_that_loses_more_digits_than_the_condition_is_inaccurate(
+    method: str, chain: tuple[int, str, int], digits: float
+) -> None:
+    lost, kept = conjugate.statuses_of(chain, (method, 'pcrbm'))
+    assert lost['error'] > max(digits, conjugate.RIGHT * lost['rounding'])
+    assert (lost['status'], kept['status']) == ('inaccurate', 'ok')
+
+
+@pytest.mark.parametrize('name', ['panda', 'puma560'])
+def test_at_rest_on_an_upright_arm_an_answer_of_rounding_is_ok(name: str) -> None:
+    robot = pfd.load_robot(name)
+    for turn in (0.0, 0.7):
+        q = np.zeros(robot.n)
+        q[0] = turn
+        hold = pfd.inverse_dynamics(robot, q, 0 * q, 0 * q)
+        for tau in (hold, 0 * q):
+            run = pfd.emulate(robot, q, 0 * q, tau)
+            assert run.status == 'ok', (turn, run.error)
+
+
+@pytest.mark.parametrize('method', ALL_METHODS)
+def test_methods_that_take_rotations_as_they_are_have_all_digits(method: str) -> None:
+    robot = random_chain(np.random.default_rng(7), 3)
+    state = np.random.default_rng(8).normal(size=(3, 3))
+    exact = pfd.emulate(robot, *state, digits=60).qdd
+    run = pfd.emulate(robot, *state, method=method, digits=40)
+    off = float(abs(run.qdd - exact).max() / abs(exact).max())
+    orthogonal = method in SERIAL_METHODS or method in (
+        'articulated_body_doubling',
+        'constraint_forces',
+    )
+    # Rotations are orthogonal up to rounding only; `error` shows it.
+    assert 1e-18 < off < 1e-12 if orthogonal else off < 1e-30
+    assert abs(run.error - off) <= 0.1 * off + 1e-30
+    assert run.status == 'ok'
 
 
 def test_a_braked_joint_that_nothing_moves_leaves_the_answer_right() -> None:

@@ -96,23 +96,31 @@ def reached_by(n: int) -> list[dict[str, Any]]:
     return rows
 
 
-def statuses_of(chain: tuple[int, str, int]) -> list[dict[str, Any]]:
+def statuses_of(
+    chain: tuple[int, str, int], methods: Sequence[str] = ITERATIVE, rotors: bool = False
+) -> list[dict[str, Any]]:
     """
-    Return the statuses of both forms of PCGM on a chain, with estimated and true error.
+    Return the statuses of methods on a chain, with estimated and true error.
 
     `rounding` is the unit of rounding times the condition of H, scaled to ones on its diagonal.
+    Half of the joints may have rotors of 1e-6 to 10 kg m^2. A method that takes no such chain has
+    no row.
     """
     n, kind, seed = chain
     robot, rng = varied_chain(*chain), np.random.default_rng([n, seed])
     unit = rng.uniform(-1.0, 1.0, (3, n))
     state = dict(zip(('q', 'qd', 'tau'), unit * [[np.pi], [1.0], [5.0]], strict=True))
-    H = run(record_terms(resolve(robot), 'unpacked'), state)['H']
+    sizes = 10.0 ** rng.uniform(-6.0, 1.0, n) * (rng.random(n) < 0.5)
+    scene = pfd.Scene(armature=sizes if rotors else None)
+    H = run(record_terms(resolve(robot, scene), 'unpacked'), state)['H']
     scale = np.sqrt(np.diag(H))
     rounding = ROUNDING['float64'] * np.linalg.cond(H / scale / scale[:, None])
-    exact = pfd.emulate(robot, **state, digits=50).qdd
+    exact = pfd.emulate(robot, **state, scene=scene, digits=50).qdd
     rows = []
-    for method in ITERATIVE:
-        found = pfd.emulate(robot, **state, method=method)
+    for method in methods:
+        if rotors and method == 'constraint_forces':
+            continue
+        found = pfd.emulate(robot, **state, scene=scene, method=method)
         error = float(abs(found.qdd - exact).max() / abs(exact).max())
         row = {'kind': kind, 'n': n, 'method': method, 'status': found.status}
         rows.append(row | {'estimate': found.error, 'error': error, 'rounding': rounding})

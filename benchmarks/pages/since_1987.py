@@ -9,11 +9,14 @@ times t_r. texts/since-1987.md defines both, and the networks.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
-from benchmarks.cases import paper
+import numpy as np
+
+from benchmarks.cases import conjugate, paper
 from benchmarks.cases.paper import BEST_KNOWN, PRINTED_AT, Recording
+from benchmarks.cases.robots import KINDS
 from benchmarks.pages.counts import best_serial, efficiency, speed_up, with_baselines
 from benchmarks.run import each
 from benchmarks.table import Columns, Row, grid, lines_of, page, table
@@ -55,6 +58,15 @@ NAMES = (
 )
 SHORT = dict(zip(SYSTEMS, NAMES, strict=True))
 SHORT_TITLES = SHORT | {'pcrbm_base_origin': 'PCRBM about the base origin'}
+# Methods whose errors are measured, and the chains: of each kind, some with rotors, two of a size.
+ACCURATE = ('pcrbm', 'articulated_body_doubling', 'divide_and_conquer', 'constraint_forces')
+ROTORS = ', rotors'
+ACCURACY = [
+    ((n, kind, 500 + seed), rotors)
+    for kind, rotors in (*((kind, False) for kind in KINDS), (KINDS[0], True), (KINDS[4], True))
+    for seed in range(2)
+    for n in conjugate.JOINTS
+]
 PACKED, UNPACKED = 'packed', 'one lane per link'
 SCHEDULES = {'parallel': PACKED, 'unpacked': UNPACKED, 'sequential': ''}
 
@@ -70,7 +82,10 @@ def measure(quick: bool) -> dict[str, Any]:
     parallel = [x for x in METHODS if x not in SERIAL]
     fewer = [(x, n, BEST_KNOWN, p) for n in sizes for p in PROCESSORS.get(n, ()) for x in parallel]
     counts = each(counted, [*alone, *others, *fewer], 'counting steps', lambda key: key[1])
+    chains = [x for x in ACCURACY if not quick or x[0][0] == PRINTED_AT]
+    answers = each(answered, chains, 'errors of chains', lambda x: x[0][0])
     return {
+        'accuracy': [row for rows in answers for row in rows],
         'serial': [best_serial(counts[: len(alone)], n) for n in sizes],
         'methods': counts[len(alone) : len(alone) + len(others)],
         'processors': counts[len(alone) + len(others) :],
@@ -81,6 +96,13 @@ def measure(quick: bool) -> dict[str, Any]:
 def counted(key: tuple[Any, ...]) -> dict[str, Any]:
     """Return the counts of a method at an n, an edition and a number of processors."""
     return paper.row(*key)
+
+
+def answered(item: tuple[tuple[int, str, int], bool]) -> list[dict[str, Any]]:
+    """Return statuses and errors of ACCURATE on a chain, with rotors or without."""
+    chain, rotors = item
+    rows = conjugate.statuses_of(chain, ACCURATE, rotors)
+    return [row | {'kind': row['kind'] + ROTORS * rotors} for row in rows]
 
 
 def recorded(item: tuple[str, int]) -> list[dict[str, Any]]:
@@ -167,6 +189,7 @@ def text(data: dict[str, Any]) -> str:
         n=PRINTED_AT,
         division=f'{WEIGHTS["divisions"]:g}',
         root=f'{WEIGHTS["square_roots"]:g}',
+        accuracy=grid(dict(_accuracy(data['accuracy'])), 'chains'),
         methods=table(METHOD_COLUMNS, (x for x in methods if x['n'] in (PRINTED_AT, sizes[-1]))),
         lines=table(
             {'recording': _recording, 'arithmetic': lambda x: f'{x["arithmetic"]:g}'}
@@ -183,6 +206,19 @@ def text(data: dict[str, Any]) -> str:
         ),
         processors=grid({_place(x): _ratios(x) for x in fewer if x['best']}, 'joints, processors'),
     )
+
+
+def _accuracy(rows: Sequence[Row]) -> Iterator[tuple[tuple[str, str], str]]:
+    """Yield the errors of each method on each kind of chain, and how many are `ok`."""
+    for kind in dict.fromkeys(row['kind'] for row in rows):
+        for method in ACCURATE:
+            own = [x for x in rows if (x['kind'], x['method']) == (kind, method)]
+            cell = '-'
+            if own:
+                median, most = np.quantile([x['error'] for x in own], [0.5, 1.0])
+                right = sum(x['status'] == 'ok' for x in own)
+                cell = f'{median:.0e} / {most:.0e}, {right} of {len(own)}'
+            yield (kind, SHORT[method]), cell
 
 
 def _two(ratio: Callable[..., float], x: Row, form: str) -> str:

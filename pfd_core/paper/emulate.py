@@ -22,9 +22,9 @@ from pfd_core.forking import no_fork
 from pfd_core.machine.emulator import run
 from pfd_core.machine.iteration import TOLERANCES
 from pfd_core.machine.program import Program, Steps
-from pfd_core.model import Robot, Scene, check_instant, given_scene, resolve, scene_inputs
+from pfd_core.model import Plant, Robot, Scene, check_instant, given_scene, resolve, scene_inputs
 from pfd_core.model.effects import INPUT
-from pfd_core.model.values import DTYPES, choice, common_shape, integer, real_array
+from pfd_core.model.values import DTYPES, Array, choice, common_shape, integer, real_array
 from pfd_core.paper import networks
 from pfd_core.paper.array import SECTION, STREAMS, solve_cycles, solve_steps, stream_steps
 from pfd_core.paper.composite import record_residual
@@ -36,6 +36,8 @@ MOST_DIGITS = 10_000
 # not right. Those that have converged keep far below, those of n iterations are spread over all
 # orders up to 1e14 (docs/report/counts.md, 372 chains).
 ROUNDINGS = 250.0
+# So many units of rounding for each joint of what is added up are no number, but noise.
+NOISE = 8.0
 
 
 @dataclass(frozen=True)
@@ -59,10 +61,12 @@ class Run:
         largest of `|qdd|` and `|H^-1 tau|`, where r is the torque that qdd misses. Infinite where
         r is not finite.
     status : str
-        'ok'; 'not_positive_definite' if a pivot of H was not above zero; 'not_converged' if an
-        iterative method ran into its limit, or `error` is above ROUNDINGS units of rounding times
-        the condition of H, scaled to ones on its diagonal; 'wrong' if the error of an answer of
-        the printed edition is; 'not_finite'.
+        'ok' of any method: `error` is at most 250 units of rounding (of float64 also with
+        `digits`) times the condition of H, scaled to ones on its diagonal, and at most 0.005;
+        torques of gravity that cancel may add their rounding. Else 'not_positive_definite' if H
+        is singular, also if only up to rounding, or a pivot was not above zero; 'not_finite';
+        'not_converged' of an iterative method, also if it ran into its limit; 'inaccurate' of a
+        direct one; 'wrong' of the printed edition. Of a batch, all answers must be right.
     iterations, cycles : int or None
         Iterations of an iterative method (of a batch, the most), cycles of the array; None for
         the others.
@@ -137,7 +141,11 @@ def emulate(
     dtype : {'float64', 'float32'}
         Numbers of the machine. An iterative method stops at the rounding of this format.
     digits : int, optional
-        Compute with mpmath numbers of this many decimal digits instead.
+        Compute with mpmath numbers of this many decimal digits instead. All of them are right
+        for 'pcrbm' and its forms, and 'divide_and_conquer', which take the rotations of the robot
+        as they are. They are float64 and orthogonal up to rounding; the serial methods,
+        'articulated_body_doubling' and 'constraint_forces' use that R' R is 1 or take angles of
+        it, and differ in the 16th digit, which is right for the status and which `error` shows.
     edition : {'corrected', 'printed'}
         'printed' runs one of the paper's procedures with its misprints
         (pfd_core.paper.editions).
@@ -186,9 +194,12 @@ def emulate(
     # On a crossbar each lane reads its source in one hop.
     carrier = None if network == 'crossbar' else networks.carrier(network)
     result = run(program, inputs, dtype, digits, route=carrier)
-    # Outside the counted program.
-    found = run(check, inputs | {'qdd': result['qdd']}, dtype, digits)
-    error, bound = _error(result['qdd'], found, inputs.get('free'), dtype)
+    # Outside the counted program, and with no fewer digits than float64.
+    found = run(check, inputs | {'qdd': result['qdd']}, 'float64', digits)
+    most = _at_most(plant, np.asarray(inputs['q'], np.float64))
+    error, bound, singular = _error(
+        result['qdd'], found, inputs.get('free'), dtype, most, bool(digits)
+    )
     iterations = None
     if 'iterations' in result:
         iterations = int(np.max(np.asarray(result['iterations'], dtype=np.float64), initial=0))
@@ -207,7 +218,7 @@ def emulate(
         steps_by_section={name: own for name, own in sections.items() if own != Steps()},
         utilisation=work / (arithmetic(steps) * units) if arithmetic(steps) else 0.0,
         error=float(np.max(error, initial=0.0)),
-        status=_status(result, printed, bool(np.all(error <= bound))),
+        status=_status(result, printed, bool(np.any(singular)), bool(np.all(error <= bound))),
         iterations=iterations,
         cycles=solve_cycles(robot.n) if method == 'pcrbm_array' else None,
         program=program,
@@ -238,53 +249,99 @@ def _checked(
     }
 
 
-def _error(
-    qdd: NDArray[Any], found: dict[str, Any], free: NDArray[Any] | None, dtype: str
-) -> tuple[NDArray[Any], NDArray[Any]]:
+def _at_most(plant: Plant, q: Array) -> tuple[Array, Array]:
     """
-    Return the error of accelerations, as in Run, and the largest of an answer that is right.
+    Return the largest inertia and gravity torque of the links beyond each joint, (..., n).
 
-        bound = ROUNDINGS u cond(H), H scaled to ones on its diagonal;  at most CORRECTION
+        S_i = sum of trace J_j + m_j r_ij^2,   G_i = |g| sum of m_j r_ij,   j >= i
+        r_ij = |p*_i| + .. + |p*_(j-1)| + distance of joint j and the centre of link j
+
+    r_ij and J_j of a sliding joint are 1 and 0; S has the rotors. H and the bias are rounded to
+    some units of these, however small they are themselves.
     """
-    H, r, tau, qdd = (
-        np.asarray(x, np.float64) for x in (found['H'], found['residual'], found['motors'], qdd)
+    robot, turns = plant.robot, plant.robot.turning
+    slides = np.where(turns, 0.0, abs(q))
+    steps = np.linalg.norm(robot.translations, axis=-1) + slides
+    arms = robot.translations + np.einsum('ijk,ik->ij', robot.rotations, robot.centers)
+    starts = np.cumsum(steps, -1) - steps
+    ends = starts + np.linalg.norm(arms, axis=-1) + slides
+    reach = np.where(turns[:, None], ends[..., None, :] - starts[..., None], 1.0)
+    own = np.where(turns[:, None], np.trace(robot.inertias, axis1=1, axis2=2), 0.0)
+    S = np.triu(own + robot.masses * reach**2).sum(-1)
+    S = S if plant.inertia is None else S + plant.inertia
+    return S, np.linalg.norm(plant.gravity) * np.triu(robot.masses * reach).sum(-1)
+
+
+def _error(
+    qdd: NDArray[Any],
+    found: dict[str, Any],
+    free: NDArray[Any] | None,
+    dtype: str,
+    most: tuple[Array, Array],
+    exact: bool,
+) -> tuple[Array, Array, Array]:
+    """
+    Return the error of accelerations, the largest of a right answer, and whether H is singular.
+
+        error = max|H^-1 r| / scale,  scale = max(|qdd|, |H^-1 tau|)           as in Run
+        bound = u (ROUNDINGS cond(H) + NOISE n max(|H^-1| G) / scale);  at most CORRECTION
+        singular   S^-1/2 H S^-1/2 has an eigenvalue of at most NOISE n units of float64
+
+    with H scaled to ones on its diagonal for its condition, and S and G of _at_most. A pivot that
+    is nothing but rounding is 1 on a diagonal of ones, but stays small beside S; if H is `exact`
+    there is none. The error is infinite where r is not finite or the diagonal of H not above zero.
+    """
+    H, r, tau, qdd, S, G = (
+        np.asarray(x, np.float64)
+        for x in (found['H'], found['residual'], found['motors'], qdd, *most)
     )
-    one = np.eye(H.shape[-1])
+    n = H.shape[-1]
+    one = np.eye(n)
     if free is not None:
         moves = np.asarray(free, np.float64) > 0
         H = np.where(moves[..., None] & moves[..., None, :], H, one)
-        r, tau = np.where(moves, r, 0.0), np.where(moves, tau, 0.0)
+        r, tau, S, G = (np.where(moves, x, y) for x, y in ((r, 0), (tau, 0), (S, 1), (G, 0)))
     diagonal = np.diagonal(H, axis1=-2, axis2=-1)
-    sound = np.logical_and(np.isfinite(H).all((-1, -2)), (diagonal > 0).all(-1))[..., None]
-    scale = np.sqrt(np.where(sound, diagonal, 1.0))
-    H = np.where(sound[..., None], H, one) / scale[..., None] / scale[..., None, :]
-    values, vectors = np.linalg.eigh(H)
-
-    def accelerations(torques: NDArray[Any]) -> Any:
-        parts = ((torques / scale)[..., None, :] @ vectors)[..., 0, :] / values
-        return abs((vectors @ parts[..., None])[..., 0] / scale).max(-1)
-
+    finite = np.isfinite(H).all((-1, -2))
+    sound = np.logical_and(finite, (diagonal > 0).all(-1))[..., None]
+    H, diagonal = np.where(sound[..., None], H, one), np.where(sound, diagonal, 1.0)
+    values, vectors = np.linalg.eigh(_scaled(H, diagonal))
+    least = np.linalg.eigvalsh(_scaled(H, np.maximum(S, diagonal)))[..., 0]
+    double, unit = np.finfo(np.float64).eps / 2, np.finfo(dtype).eps / 2
+    lost = (least <= NOISE * n * double) & (not exact)
+    singular = finite & (~sound[..., 0] | lost)
     with np.errstate(all='ignore'):
-        missing = accelerations(r)
-        error = missing / np.maximum(abs(qdd).max(-1), accelerations(tau))
-        error = np.where(missing == 0, 0.0, np.where(sound[..., 0], error, np.inf))
+        inverse = (vectors / values[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+        inverse = _scaled(inverse, diagonal)
+
+        def most_of(matrix: Array, torques: Array) -> Any:
+            return abs((matrix @ torques[..., None])[..., 0]).max(-1)
+
+        missing = most_of(inverse, r)
+        scale = np.maximum(abs(qdd).max(-1), most_of(inverse, tau))
+        error = np.where(missing == 0, 0.0, np.where(sound[..., 0], missing / scale, np.inf))
         condition = abs(values).max(-1) / abs(values).min(-1)
-        bound = ROUNDINGS * np.finfo(dtype).eps / 2 * condition
-    return np.where(np.isnan(error), np.inf, error), np.minimum(bound, CORRECTION)
+        bound = unit * (ROUNDINGS * condition + NOISE * n * most_of(abs(inverse), G) / scale)
+    error = np.where(np.isnan(error), np.inf, error)
+    return error, np.fmin(bound, CORRECTION), singular
 
 
-def _status(result: dict[str, Any], printed: bool, right: bool) -> str:
-    def positive(*names: str) -> bool:
-        """Return whether results are above zero, as far as the program has them."""
-        found = (np.asarray(result[name], np.float64) for name in names if name in result)
-        return all((values > 0).all() for values in found)
+def _scaled(H: Array, diagonal: Array) -> Array:
+    scale = np.sqrt(diagonal)
+    return H / scale[..., None] / scale[..., None, :]
+
+
+def _status(result: dict[str, Any], printed: bool, singular: bool, right: bool) -> str:
+    def positive(name: str) -> bool:
+        """Return whether a result is above zero, as far as the program has it."""
+        return name not in result or bool((np.asarray(result[name], np.float64) > 0).all())
 
     if printed:
         return 'ok' if right else 'wrong'
-    if not positive('pivots'):
+    if singular or not positive('pivots'):
         return 'not_positive_definite'
     if not np.isfinite(np.asarray(result['qdd'], np.float64)).all():
         return 'not_finite'
-    if 'converged' not in result or (right and positive('converged')):
+    if right and positive('converged'):
         return 'ok'
-    return 'not_converged'
+    return 'not_converged' if 'iterations' in result else 'inaccurate'

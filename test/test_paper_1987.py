@@ -381,9 +381,9 @@ def test_one_lane_per_link_takes_391_and_361_corrected() -> None:
 # ---- statuses --------------------------------------------------------------------------------
 
 
-def stored_statuses() -> list[dict[str, Any]]:
-    path = Path(__file__).resolve().parent.parent / 'docs' / 'report' / 'counts.json'
-    rows: list[dict[str, Any]] = json.loads(path.read_text(encoding='utf-8'))['data']['statuses']
+def stored_statuses(page: str = 'counts', table: str = 'statuses') -> list[dict[str, Any]]:
+    path = Path(__file__).resolve().parent.parent / 'docs' / 'report' / f'{page}.json'
+    rows: list[dict[str, Any]] = json.loads(path.read_text(encoding='utf-8'))['data'][table]
     return rows
 
 
@@ -404,6 +404,15 @@ def test_no_answer_of_conjugate_gradients_that_is_wrong_is_called_ok() -> None:
     found = {x['status'] for x in rows if x['method'] == 'pcgm_1987'}
     assert found == {'ok', 'not_converged'}
     assert {x['status'] for x in rows if x['method'] == 'pcgm'} == {'ok'}
+
+
+def test_no_answer_of_direct_methods_that_is_wrong_is_called_ok() -> None:
+    rows = stored_statuses('since-1987', 'accuracy')
+    assert {x['status'] for x in rows} == {'ok', 'inaccurate'}
+    for x in rows:
+        assert x['status'] == 'inaccurate' or x['error'] <= conjugate.RIGHT * x['rounding'], x
+        # PCRBM keeps the digits that the condition leaves, on every chain.
+        assert x['status'] == 'ok' or x['method'] != 'pcrbm', x
 
 
 def test_statuses_in_docs_are_those_of_now() -> None:

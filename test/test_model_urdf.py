@@ -313,6 +313,26 @@ def test_an_attribute_of_physics_that_is_not_read_is_named(place: str, attribute
     assert robot == pfd.load_robot(ODD_ARM)
 
 
+@pytest.mark.parametrize(
+    ('old', 'new', 'name'),
+    [
+        (
+            '<dynamics damping="0.7" friction="0.3"/>',
+            '<dynamics><damping>1</damping></dynamics>',
+            '<damping>',
+        ),
+        ('<joint name="j1"', '<joint name="j1" axis="0 1 0"', 'axis='),
+        ('<link name="turret">', '<link name="turret" mass="3">', 'mass='),
+        ('<mass value="4.0"/>', '<mass value="4.0"><unit>g</unit></mass>', '<unit>'),
+    ],
+)
+def test_attributes_in_place_of_elements_and_elements_in_place_of_attributes_are_named(
+    old: str, new: str, name: str
+) -> None:
+    with pytest.warns(pfd.PhysicsWarning, match='not read.*' + re.escape(name)):
+        pfd.load_robot(changed(old, new))
+
+
 def test_attributes_of_many_joints_that_are_not_read_are_named_once_with_their_number() -> None:
     text = example('panda_description/urdf/panda.urdf')
     locked = {'panda_finger_joint1': 0.01, 'panda_finger_joint2': 0.02}
@@ -660,7 +680,7 @@ NAMED = """
   </joint>
   <gazebo reference="upper"><links/></gazebo>
   <ros2_control name="arm" type="system"><joints/></ros2_control>
-  <transmission name="t"><hardware/></transmission>
+  <transmission name="t"><types>x</types><leftActuator/></transmission>
   <material name="blue"/>
 </robot>
 """

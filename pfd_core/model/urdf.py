@@ -59,8 +59,10 @@ KNOWN: Mapping[str, tuple[str, ...]] = {
     'limit': ('lower', 'upper', 'velocity', 'effort'),
     'dynamics': ('damping', 'friction'),
     'mimic': ('joint', 'multiplier', 'offset'),
-    'transmission': ('name', 'type', 'joint', 'actuator'),
+    'transmission': ('name', 'type'),
 }
+# These hold elements; others have attributes alone.
+HOLDS_ELEMENTS = ('robot', 'link', 'inertial', 'joint')
 # What these hold is physics: whatever of it is not read is named.
 PHYSICAL = ('origin', 'mass', 'inertia', 'axis', 'limit', 'dynamics', 'mimic', 'transmission')
 # Names of the format and of other tools that are not read here, and are no misspelt ones.
@@ -137,7 +139,7 @@ class Urdf:
     misspelt : tuple of str
         Elements and attributes that are not read and whose names resemble names that are.
     unread : tuple of str
-        Other attributes of `PHYSICAL` elements that are not read, each name once.
+        Other attributes and elements in `PHYSICAL` ones that are not read, each name once.
 
     """
 
@@ -254,7 +256,7 @@ def _not_read(
     for place, tag, name in islice(_unread(root, known), MOST_COMPARED):
         if _resembles(name, known[tag]):
             misspelt.append(place)
-        elif tag in PHYSICAL and place.endswith('='):
+        elif tag in PHYSICAL or name in PHYSICAL:
             others.setdefault((tag, name), []).append(place)
     unread = []
     for (_, name), places in others.items():
@@ -271,14 +273,14 @@ def _unread(
     """Yield attributes and elements that are not read: place, tag of the element, and name."""
     tag, name = element.tag, element.get('name')
     place = f'{outer}<{tag}{"" if name is None else f" name={quote(name)}"}>'
+    holds = tag in HOLDS_ELEMENTS
     for key in element.attrib:
-        if key not in known[tag]:
+        if key not in known[tag] or (holds and key in known):
             yield f'{place} {quote(key.rpartition("}")[2])[1:-1]}=', tag, key
-    for child in element:
-        # A <joint> of a <transmission> is a name.
-        if child.tag in known[tag] and child.tag in known and tag != 'transmission':
+    for child in element if tag != 'transmission' else ():  # Which holds what anyone likes.
+        if holds and child.tag in known[tag] and child.tag in known:
             yield from _unread(child, known, f'{place} ')
-        elif child.tag not in known[tag]:
+        else:
             yield f'{place} <{quote(child.tag)[1:-1]}>', tag, child.tag
 
 

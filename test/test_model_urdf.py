@@ -359,6 +359,16 @@ def test_a_reduction_is_read_where_ros_1_and_ros_2_write_it(places: tuple[str, .
     assert pfd.load_robot(text).armature[0] == pytest.approx(50**2 * 0.001, rel=1e-15)
 
 
+def test_a_rotor_outside_of_the_actuator_is_named() -> None:
+    rotor = '<motorInertia>0.001</motorInertia>'
+    for places in ((rotor, ''), ('', rotor)):
+        text = ROTOR.format(*places, '').replace(
+            f'<actuator name="m">{rotor}', '<actuator name="m">'
+        )
+        with pytest.warns(pfd.PhysicsWarning, match="not read: <transmission name='t'> <motorIn"):
+            assert not pfd.load_robot(ODD_ARM.replace('</robot>', text)).armature.any()
+
+
 def test_two_reductions_of_one_rotor_are_refused() -> None:
     text = ODD_ARM.replace('</robot>', ROTOR.format('', RATIO, RATIO.replace('50', '1')))
     with pytest.raises(ValueError, match=r"transmission 't' states 2 reductions, 1\.0, 50\.0"):

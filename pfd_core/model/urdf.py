@@ -277,7 +277,15 @@ def _unread(
     for key in element.attrib:
         if key not in known[tag] or (holds and key in known):
             yield f'{place} {quote(key.rpartition("}")[2])[1:-1]}=', tag, key
-    for child in element if tag != 'transmission' else ():  # Which holds what anyone likes.
+    if (
+        tag == 'transmission'
+    ):  # Which holds what anyone likes, but a rotor in its <actuator> alone.
+        for outside in (element, *element.findall('joint')):
+            for key, _ in _values(outside):
+                if key in ROTORS:
+                    yield f'{place} <{key}>', tag, key
+        return
+    for child in element:
         if holds and child.tag in known[tag] and child.tag in known:
             yield from _unread(child, known, f'{place} ')
         else:

@@ -363,6 +363,7 @@ PATCHED = {
     'PLAYER_DISCOVERY_SECONDS': 'pfd_ros.replay.publish:DISCOVERY_SECONDS',
     'PlayerSchedule_next_ns': 'pfd_ros.replay.schedule:Schedule.next_ns',
     # pfd_ros.node: the arm on its topics
+    'Engine_prepare': 'pfd_ros.arm.engine:Engine.prepare',
     'Engine_step': 'pfd_ros.arm.engine:Engine.step',
     'EventsExecutor': 'pfd_ros.node.process:EventsExecutor',
     'GRACE_SECONDS': 'pfd_ros.node.main:GRACE_SECONDS',
@@ -379,6 +380,7 @@ PATCHED = {
     'PROCESS_END_SECONDS': 'pfd_ros.node.process:END_SECONDS',
     'refuse_unknown_parameters': 'pfd_ros.node.parameters:refuse_unknown',
     'REPORT_SECONDS': 'pfd_ros.node.process:REPORT_SECONDS',
+    'parameters_setter': 'pfd_ros.node.parameters:setter',
     'services_encode_request': 'pfd_ros.node.services:encode_request',
     'SimArm_close_recording': 'pfd_ros.node.sim_arm:SimArm.close_recording',
     'SimArm_start': 'pfd_ros.node.sim_arm:SimArm.start',

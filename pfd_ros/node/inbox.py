@@ -73,6 +73,11 @@ class Inbox:
             self._waiting.clear()
         return taken
 
+    def wake(self) -> None:
+        """End the wait of `take`."""
+        with self._ready:
+            self._ready.notify()
+
 
 class Changes:
     """Passes changes on to the arm; any thread puts them.
@@ -85,6 +90,7 @@ class Changes:
     ) -> None:
         self._engine, self._inbox = engine, inbox
         self._waiting = Inbox(refuse)
+        self.wake = self._waiting.wake
         self._last: Future[Verdict] | None = None
 
     def put(self, role: str, data: bytes) -> Future[Verdict]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from concurrent.futures import TimeoutError as LateError
 from contextlib import contextmanager
+from functools import partial
 import logging
 import threading
 import time
@@ -51,7 +52,8 @@ from pfd_ros.text import cut
 if TYPE_CHECKING:
     from pfd_ros.recording.recorder import Recorder
 
-# `ros2 launch` and `docker stop` wait 10 s between the first signal and SIGKILL.
+# `ros2 launch` and `docker stop` wait 10 s between the first signal and SIGKILL: the rest is for
+# threads to end. One that hangs is waited for first, so such a node may be killed.
 CLOSE_SECONDS = 8.0
 # Longest wait for a transition; the arm takes inputs at least twenty times a second.
 TRANSITION_SECONDS = 5.0
@@ -62,15 +64,16 @@ COMPILE_LOG = logging.getLogger('pfd_core.compile')
 class SimArm:
     """An arm, its topics, services, threads and recording.
 
-    If a parameter cannot be used (ValueError, OSError, ParameterException), the node is unchanged
-    and nothing has been recorded. Simulated time continues from `reached_ns`, of the arm before.
+    If a parameter cannot be used (ValueError, OSError, ParameterException), there is no new file,
+    topic, service or callback; declared parameters of joints stay until the next arm. Simulated
+    time continues from `reached_ns`, of the arm before.
     """
 
     def __init__(self, node: Node, settings: Settings, threads: Threads, reached_ns: int) -> None:
         self._node, self._threads = node, threads
         self.report = Report(node.get_logger())
         self._ended = threading.Event()
-        self._stepping: threading.Thread | None = None
+        self._running: list[threading.Thread] = []
         self._recorder: Recorder | None = None
         before = set(_entities(node))
         built = False
@@ -116,15 +119,13 @@ class SimArm:
         ignored = parameters.refuse_unknown(node)
         if ignored:
             report.log(ignored)
-        # Last, so that a rejected parameter leaves no file.
-        self._recorder = self._opened()
-        self.stepper = Stepper(
-            self.engine, inbox, self._recorder, self.endpoints.publishers, report.count
-        )
+        self.stepper = Stepper(self.engine, inbox, self.endpoints.publishers, report.count)
         self.graph = GraphCheck(self.endpoints, report)
         self.diagnostics = ArmDiagnostics(self.stepper, self.graph, report, kernels)
         self._set_parameters = parameters.setter(self.engine, changes)
         node.add_on_set_parameters_callback(self._set_parameters)
+        # Last, so that an arm that fails leaves no file.
+        self._recorder = self.stepper.recorder = self._opened()
 
     def _opened(self) -> Recorder | None:
         """Return the recording, with a topic for each role of the run."""
@@ -138,10 +139,10 @@ class SimArm:
             role: self._node.resolve_topic_name(ROLES[role].topic) for role in self.engine.roles
         }
         topics |= {role: end.topic_name for role, end in self.endpoints.all.items()}
+        frames, stamp_ns = self.engine.frames, self.engine.stamp_ns
+        opening = [] if frames is None else frames.opening(stamp_ns)
         recorder = Recorder(path, self.engine, topics, self._node.get_logger().error)
-        if self.engine.frames is not None:
-            stamp_ns = self.engine.stamp_ns
-            recorder.put(self.engine.frames.opening(stamp_ns), stamp_ns)
+        recorder.put(opening, stamp_ns)
         return recorder
 
     def start(self) -> None:
@@ -150,10 +151,11 @@ class SimArm:
         def stopped() -> bool:
             return self._ended.is_set() or self._threads.stop.is_set()
 
-        self._threads.start('changing', lambda: self._changes.run(stopped), stopped)
-        self._stepping = self._threads.start(
-            'stepping', lambda: self.stepper.run(stopped), self._ended.is_set
-        )
+        for name, work, ended in (
+            ('stepping', self.stepper.run, self._ended.is_set),
+            ('changing', self._changes.run, stopped),
+        ):
+            self._running.append(self._threads.start(name, partial(work, stopped), ended))
 
     def request(self, name: str) -> None:
         """Pass a request to the arm, and return when it has been executed; else ValueError."""
@@ -174,9 +176,10 @@ class SimArm:
             self._recorder.put([Message(role, data)], self.engine.stamp_ns)
 
     def stop(self) -> bool:
-        """Stop the steps; return whether the thread has ended."""
+        """Stop the steps and changes; return whether their threads have ended."""
         self._ended.set()
-        return self._stepping is None or self._threads.join(self._stepping)
+        self._changes.wake()
+        return all(self._threads.join(thread) for thread in self._running)
 
     def close_recording(self) -> None:
         """Write the queue and the end of the run, and close the file.
@@ -186,7 +189,7 @@ class SimArm:
         """
         if self._recorder is None:
             return
-        if self._stepping is not None and not self.stepper.whole:
+        if self._running and not self.stepper.whole:
             self._recorder.close(None, CLOSE_SECONDS)
             return
         from pfd_ros.recording.recorder import totals_of

@@ -46,21 +46,22 @@ LENGTHS = 1 << 13
 class Stepper:
     """Steps an engine in real time, at a multiple of it, or as fast as possible.
 
-    An output without a publisher is only recorded; `count` is called with role and verdict of each
-    input that the engine has taken. `late` steps came more than a period late, `missed` periods
-    were skipped, and `resent` states were sent again, because no command answered them. `whole` is
-    whether `run` has returned: otherwise the arm may be in the middle of a cycle.
+    `recorder` is set before `run`, and an output without a publisher is only recorded. `count` is
+    called with role and verdict of each input that the engine has taken. `late` steps came more
+    than a period late, `missed` periods were skipped, and `resent` states were sent again, because
+    no command answered them. `whole` is whether `run` has returned: otherwise the arm may be in
+    the middle of a cycle.
     """
 
     def __init__(
         self,
         engine: Engine,
         inbox: Inbox,
-        recorder: Recorder | None,
         publishers: Mapping[str, Any],
         count: Callable[[str, Verdict], None],
     ) -> None:
-        self.engine, self.recorder = engine, recorder
+        self.engine = engine
+        self.recorder: Recorder | None = None
         self.started = time.monotonic()
         self.states = self.late = self.missed = self.resent = 0
         self._inbox, self._publishers, self._count = inbox, publishers, count

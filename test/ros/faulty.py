@@ -169,6 +169,19 @@ def configure(fault, seconds: int = 100) -> None:
     bridge.put('lifecycle_SimArm', made)
 
 
+def prepare_slowly() -> None:
+    """Let the native code of a change take a second."""
+    real = bridge.Engine_prepare
+
+    def prepare(engine, role, data) -> None:
+        print('compiles', flush=True)
+        time.sleep(1.0)
+        real(engine, role, data)
+        print('has compiled', flush=True)
+
+    bridge.put('Engine_prepare', prepare)
+
+
 def hang_in_a_step() -> None:
     end_within(1)
     at_cycle(200, hang_in_c)
@@ -222,7 +235,9 @@ FAULTS = {
     'configuring_hangs': lambda: configure(hang_in_c, 1),
     'first_start_fails': lambda: fail_first('SimArm_start', "can't start new thread"),
     'first_reading_fails': lambda: fail_first('refuse_unknown_parameters', 'no parameters'),
+    'first_setter_fails': lambda: fail_first('parameters_setter', 'no setter'),
     'first_introduction_fails': lambda: fail_first('lifecycle_introduce', 'no introduction'),
+    'preparing_lasts': prepare_slowly,
     'reporting_fails': lambda: bridge.put('lifecycle_report_arm', fail),
     'requests_fail': lambda: bridge.put('services_encode_request', fail),
     'closing_hangs': lambda: bridge.put('SimArm_close_recording', hang_in_c),

@@ -275,6 +275,7 @@ def test_a_signal_waits_for_the_transition_and_closes_the_file_before_the_next_o
     [
         ('first_start_fails', "can't start new thread"),
         ('first_reading_fails', 'no parameters'),
+        ('first_setter_fails', 'no setter'),
         ('first_introduction_fails', 'no introduction'),
     ],
 )

@@ -15,7 +15,17 @@ import time
 
 from bridge import verify_log
 import pytest
-from ros_processes import FAULTY, JOINTS, NODE, Process, Processes, environment, trigger
+from ros_processes import (
+    FAULTY,
+    JOINTS,
+    NODE,
+    Process,
+    Processes,
+    environment,
+    parameter,
+    set_parameters,
+    trigger,
+)
 from sampling import one_fast
 from waiting import PATIENCE, wait_until
 
@@ -221,6 +231,15 @@ def test_a_step_that_never_ends_is_logged_and_the_file_is_closed(
     assert arm.end(INT) == 1
     assert 'stepping did not end within 1 s' in arm.text()
     assert verify_log(processes.folder / 'arm.mcap').cycles == 200
+
+
+@pytest.mark.ros
+def test_a_node_ends_after_the_native_code_that_it_compiles(processes: Processes, peer_of) -> None:
+    arm = processes.faulty('preparing_lasts', '-p', 'robot:=planar2')
+    assert set_parameters(peer_of(processes), parameter('payload.mass', 1.0))[0]
+    arm.wait_for_text('compiles')
+    assert arm.end(INT) == 0
+    assert 'has compiled' in arm.text()
 
 
 @pytest.mark.ros

@@ -6,6 +6,8 @@ Each message of the arm is followed by a barrier: the next one is published only
 has finished what follows from it. Nodes of this process are run until nothing is ready. A node
 elsewhere, a peer, says so itself: an executor of one thread serves the parameter services of its
 node after its subscriptions and timers, so a reply is a barrier. Nothing is installed in a node.
+The barrier of a clock with a thread of its own, as in rclcpp, also sets use_sim_time to the value
+that it has: a callback of the node for new parameters must accept it.
 
 This rests on a property of the middleware: what one participant sends to another arrives in the
 order in which it was sent, over all topics. Fast DDS has it, with one port a participant; DDS does
@@ -65,6 +67,9 @@ AFTER_STATE, AFTER_TICK = 2, 3
 # reply is repeated after AGAIN; a wait is at most LOOK long, and the graph is read as often.
 QUIET_SECONDS, AGAIN_SECONDS, LOOK_SECONDS = 0.2, 0.5, 0.05
 COMMAND_DEPTH = 100
+EVENTS = '/parameter_events'
+# First bytes of the identifier of an end in DDS: those of its participant.
+PARTICIPANT_BYTES = 12
 # A run that ends without commands for so many of the longest intervals between them is noted.
 SILENT_INTERVALS = 10
 THREADS = 'several threads or a timer on wall time'
@@ -265,7 +270,9 @@ class NodeLink:
             )
         if settings.publish_description:
             self._ends.publishers[DESCRIPTION].publish(encode_string(described.text))
+        # Nodes elsewhere by name, and their processes as far as the middleware tells them.
         self._peers: dict[str, _Peer] = {}
+        self._places = set[Any]()
         self._timers: list[Any] = []
         # Commands that came: role, bytes, time of publication [ns].
         self._came: list[tuple[str, bytes, int]] = []
@@ -311,8 +318,7 @@ class NodeLink:
             peer.pending = []
             peer.threaded = bool(peer.sim_time) and ('events', peer.name) in ends
         if any(peer.threaded for peer in self._peers.values()):
-            topic = '/parameter_events'
-            self._node.create_subscription(ParameterEvent, topic, self._on_event, COMMAND_DEPTH)
+            self._node.create_subscription(ParameterEvent, EVENTS, self._on_event, COMMAND_DEPTH)
         if restored and CLOCK in roles:
             self._note('the arm was restored: timers have another phase than before', 'uneven')
         self._drain()
@@ -330,15 +336,20 @@ class NodeLink:
         for peer in self._peers.values():
             if peer.sim_time is None:
                 peer.greet(now)
+        # The nodes of a process share the participant of the middleware, or count as several.
+        events = self._node.get_publishers_info_by_topic(EVENTS)
+        participants = {node_of(x): bytes(x.endpoint_gid[:PARTICIPANT_BYTES]) for x in events}
+        self._places = {participants.get(name, name) for name in self._peers}
 
     def _others(self) -> list[tuple[str, str]]:
         """Return role and node of each end of the arm's topics and each reader of events."""
         node, ends = self._node, self._ends
-        found = [('events', x) for x in node.get_subscriptions_info_by_topic('/parameter_events')]
+        found = [('events', x) for x in node.get_subscriptions_info_by_topic(EVENTS)]
         for role, end in ends.publishers.items():
             found += [(role, x) for x in ends.others(role)]
             if role in (STATES, CLOCK):
-                found += [('arm', x) for x in node.get_publishers_info_by_topic(end.topic_name)]
+                own = node.get_publishers_info_by_topic(end.topic_name)
+                found += [(f'publisher of {role}', x) for x in own]
         found += [('commands', x) for role in ends.subscriptions for x in ends.others(role)]
         return sorted((role, node_of(x)) for role, x in found)
 
@@ -358,14 +369,15 @@ class NodeLink:
     def _missing(self, others: Sequence[tuple[str, str]], matched: Sequence[int]) -> Iterator[str]:
         """Yield what the run still needs."""
         ends, roles = self._ends, [role for role, _ in others]
-        if roles.count('arm') > 2:
-            yield 'another node publishes states or the clock'
+        for role in (STATES, CLOCK):
+            if roles.count(f'publisher of {role}') > 1:
+                yield f'another node publishes {ends.topic(role)}'
         if 'commands' not in roles:
             yield f'nobody publishes commands on {" or ".join(map(ends.topic, ORDER))}'
         if STATES not in roles and CLOCK not in roles:
             yield f'nobody subscribes to {ends.topic(STATES)} or /clock'
-        if len(self._peers) < len(self._processes):
-            yield f'{len(self._peers)} of {len(self._processes)} nodes in other processes'
+        if len(self._places) < len(self._processes):
+            yield f'nodes of {len(self._places)} of {len(self._processes)} processes'
         for name, peer in self._peers.items():
             if peer.sim_time is None:
                 yield f'{name} does not reply on {name}/get_parameters'
@@ -422,6 +434,8 @@ class NodeLink:
 
         Measure their computation, and note commands that these messages do not explain.
         """
+        if len(came) >= COMMAND_DEPTH:
+            self._note(f'{COMMAND_DEPTH} commands or more at once: the oldest may be lost', 'lost')
         ticked = sent.get(CLOCK, math.inf)
         for _, _, when in came:
             if when < min(sent.values(), default=0):
@@ -481,7 +495,9 @@ class NodeLink:
                 if not future.done():
                     self._check_processes()
                 if perf_counter() > deadline:
-                    follows = 'its clock does not follow /clock'
+                    follows = (
+                        'its clock does not follow /clock, or it refuses to set use_sim_time again'
+                    )
                     raise NoAnswerError(
                         f'node {peer.name!r} does not finish what follows the {role} message '
                         f'within {self._patience:g} s {self._where()}: '

@@ -13,6 +13,7 @@ from pathlib import Path
 import pickle
 import signal
 import sys
+import threading
 import time
 from typing import Any
 
@@ -605,19 +606,21 @@ def test_what_is_missing_before_the_first_state_is_named(
 
 @pytest.mark.ros
 @pytest.mark.parametrize(
-    ('services', 'states', 'text'),
+    ('services', 'states', 'clock', 'text'),
     [
         (
             False,
             'other',
+            True,
             '^no controller within 3 s: /bare does not reply on /bare/get_parameters$',
         ),
-        (True, 'joint_states', 'another node publishes states or the clock'),
+        (True, 'joint_states', True, 'another node publishes /joint_states'),
+        (True, 'joint_states', False, 'another node publishes /joint_states'),
     ],
-    ids=['no services', 'second arm'],
+    ids=['no services', 'second arm', 'second arm without a clock'],
 )
 def test_a_node_elsewhere_that_cannot_be_in_lockstep_is_named(
-    services: bool, states: str, text: str, domain: int
+    services: bool, states: str, clock: bool, text: str, domain: int
 ) -> None:
     from rclpy.node import Node
     from sensor_msgs.msg import JointState
@@ -628,8 +631,60 @@ def test_a_node_elsewhere_that_cannot_be_in_lockstep_is_named(
     node.create_publisher(Float64MultiArray, 'sim_arm/commands', 1)
     node.create_publisher(JointState, states, 1)
     node.create_subscription(JointState, 'joint_states', print, 1)
-    with ur5() as arm, pytest.raises(NoAnswerError, match=text):
+    with ur5(publish_clock=clock) as arm, pytest.raises(NoAnswerError, match=text):
         arm.spin(0.1, start_patience=3.0)
+    node.destroy_node()
+
+
+TWO_NODES = """
+import rclpy
+rclpy.init()
+nodes = [rclpy.create_node(name) for name in ('front', 'back')]
+executor = rclpy.executors.SingleThreadedExecutor()
+for node in nodes:
+    executor.add_node(node)
+print('two nodes', flush=True)
+executor.spin()
+"""
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+def test_a_process_with_two_nodes_does_not_stand_for_one_that_starts_later(
+    controller_of: Callable[..., Any],
+) -> None:
+    with (
+        ControllerProcess([sys.executable, '-c', TWO_NODES]) as two,
+        ControllerProcess([sys.executable, '-c', 'import time; time.sleep(600)']) as late,
+        ur5() as arm,
+    ):
+        wait_until(lambda: 'two nodes' in two.text())
+        with pytest.raises(NoAnswerError, match='within 3 s: nodes of 1 of 2 processes'):
+            arm.spin(0.1, controller_of(), two, late, start_patience=3.0)
+
+
+@pytest.mark.ros
+def test_a_node_that_refuses_to_set_use_sim_time_again_is_named(domain: int) -> None:
+    from rcl_interfaces.msg import ParameterEvent, SetParametersResult
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.node import Node
+    from rclpy.parameter import Parameter
+    from std_msgs.msg import Float64MultiArray
+
+    # Its reader of parameter events makes it look like a node of rclcpp.
+    node = Node('fixed', parameter_overrides=[Parameter('use_sim_time', value=True)])
+    node.create_subscription(ParameterEvent, '/parameter_events', lambda event: None, 10)
+    node.create_publisher(Float64MultiArray, 'sim_arm/commands', 1)
+    node.add_on_set_parameters_callback(lambda _: SetParametersResult(successful=False))
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    thread = threading.Thread(target=executor.spin)
+    thread.start()
+    text = "node '/fixed' does not finish .* or it refuses to set use_sim_time again"
+    with ur5() as arm, pytest.raises(NoAnswerError, match=text):
+        arm.spin(0.1, patience=1.0)
+    executor.shutdown()
+    thread.join()
     node.destroy_node()
 
 
@@ -758,6 +813,17 @@ def test_a_command_of_this_process_from_outside_the_callbacks_is_noted(
         arm.step = busy  # type: ignore[method-assign]
         (note,) = arm.spin(0.01, node).notes
     assert 'after its node had said that it was done' in note
+
+
+@pytest.mark.ros
+def test_commands_at_once_of_which_the_middleware_may_drop_some_are_noted(
+    controller_of: Callable[..., Any],
+) -> None:
+    node = controller_of(change=lambda command: [commands.publish(command) for _ in range(150)])
+    (commands,) = (one for one in node.publishers if one.topic_name == '/joint_commands')
+    with ur5() as arm:
+        (note,) = arm.spin(0.01, node).notes
+    assert note.startswith('lost: 100 commands or more at once')
 
 
 @pytest.mark.ros

@@ -79,7 +79,7 @@ def sim_arm(
 def sim_node(ros_domain: int) -> Iterator[Callable[..., Any]]:
     """Return a function that starts the node itself: sim_node(robot='ur5', ros_args=[...]).
 
-    It takes parameters of the node, and returns when the node publishes. The process runs in real
+    It takes parameters of the node, and returns when the arm is active. The process runs in real
     time, in the domain of the test, and ends with it; the test fails if the node does.
     """
     from pfd_ros.testing.process import NodeProcess

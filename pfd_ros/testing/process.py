@@ -39,11 +39,11 @@ except OSError as error:
 """
 # Of the output, in the text of an error.
 LAST_LINES = 15
-# Between two looks at whether the node has started, s.
-LOOK_SECONDS = 0.02
+# Between two looks at whether the node has started, and until it is asked again, s.
+LOOK_SECONDS, AGAIN_SECONDS = 0.02, 0.5
 # From SIGINT, which ends a node, to SIGKILL: of a controller, and of the node with its recording.
 END_SECONDS, NODE_END_SECONDS = 5.0, 20.0
-# Until a node publishes, longer than it may wait for its description by default, s.
+# Until a node answers, longer than it may wait for its description by default, s.
 NODE_START_SECONDS = 60.0
 
 
@@ -166,8 +166,6 @@ class NodeProcess(ControllerProcess):
         self._ros_args = ['--ros-args', *ros_args]
         # Whether `wait` has raised its error.
         self._failed = False
-        # What an arm has when it is configured, or before.
-        self._sign = '~/rejected' if chosen.get('autostart', True) else '~/transition_event'
         with tempfile.NamedTemporaryFile('w', suffix='.yaml', delete=False) as file:
             yaml.safe_dump({'/**': {'ros__parameters': chosen}}, file)
         self._file = Path(file.name)
@@ -175,25 +173,33 @@ class NodeProcess(ControllerProcess):
         super().__init__([*command, '--params-file', file.name])
 
     def wait(self) -> None:
-        """Return when the arm is configured, or the node is there if its autostart is false.
+        """Return when the arm is active, or the node answers if its autostart is false.
 
         rclpy must be initialised. NodeProcessError if the node ends before, or does not start.
         """
+        from lifecycle_msgs.srv import GetState
+        from rclpy.executors import SingleThreadedExecutor
         from rclpy.node import Node
 
         named = Node('sim_arm', cli_args=self._ros_args, enable_rosout=False)
-        topic = named.resolve_topic_name(self._sign)
+        service = named.resolve_service_name('~/get_state')
         named.destroy_node()
-        watching = Node('_sim_node_starts', enable_rosout=False)
-        deadline = time.monotonic() + NODE_START_SECONDS
-        while not (watching.count_publishers(topic) or self.end()):
-            if time.monotonic() > deadline:
-                break
-            time.sleep(LOOK_SECONDS)
-        self._failed = not watching.count_publishers(topic)
-        watching.destroy_node()
+        asking = Node('_sim_node_starts', enable_rosout=False)
+        client, executor = asking.create_client(GetState, service), SingleThreadedExecutor()
+        executor.add_node(asking)
+        deadline, self._failed = time.monotonic() + NODE_START_SECONDS, True
+        while self._failed and not self.end() and time.monotonic() < deadline:
+            if client.service_is_ready():
+                # The node answers once it has configured and activated itself.
+                answer = client.call_async(GetState.Request())
+                executor.spin_until_future_complete(answer, AGAIN_SECONDS)
+                self._failed = not answer.done()
+            else:
+                time.sleep(LOOK_SECONDS)
+        executor.shutdown()
+        asking.destroy_node()
         if self._failed:
-            late = f'does not publish {topic} within {NODE_START_SECONDS:g} s'
+            late = f'does not answer on {service} within {NODE_START_SECONDS:g} s'
             raise NodeProcessError(f'the node {self.end() or late}{self.tail()}')
 
     def close(self) -> None:

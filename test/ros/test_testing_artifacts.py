@@ -125,7 +125,10 @@ def test_processes(sim_arm, controller_process, sim_node):
 def test_the_node(sim_node, tmp_path, monkeypatch):
     # Names of parameters or of settings, and numbers of single joints.
     more = {'bias_position': {'elbow': 0.25}, 'bias.velocity.elbow': 0.5}
+    more['recording'] = recording = str(tmp_path / 'left.mcap')
     node = sim_node(robot='planar2', ros_args=['-r', '__ns:=/left'], **more)
+    # The arm is active, so its recording is there.
+    assert os.path.exists(recording)
     reader, states = rclpy.create_node('reader'), []
     reader.create_subscription(JointState, '/left/joint_states', states.append, 10)
     while len(states) < 2:
@@ -134,8 +137,8 @@ def test_the_node(sim_node, tmp_path, monkeypatch):
     assert node.end() == ''
     assert sim_node(robot='planar2', autostart=False).end() == ''
     # The error is for the test: it is not one of the fixture as well.
-    with pytest.raises(NodeProcessError, match='status 1(.|\\n)*unknown robot'):
-        sim_node(robot='nobody', ros_args=['-r', '__ns:=/right'])
+    with pytest.raises(NodeProcessError, match='status 1(.|\\n)*the file exists'):
+        sim_node(robot='planar2', recording=recording, ros_args=['-r', '__ns:=/right'])
     with pytest.raises(NodeProcessError, match='ended by SIGKILL'):
         with NodeProcess({'robot': 'planar2'}) as node:
             os.kill(node.pid, 9)

@@ -468,11 +468,11 @@ def test_damping_is_refused_where_the_inertia_matrix_has_no_factors(
     first: float, integrator: str
 ) -> None:
     # H = [[m1 + m2, m2], [m2, m2]] of two slides on one axis: m1 + m2 = m2 in float64.
-    J = '1 1 1 0 0 0'
+    J = ' '.join([str(first)] * 3)
     robot = pfd.load_robot(
         urdf(
             'slides',
-            *(link('base'), link('a', first, J=J), link('b', 1.0, J=J)),
+            *(link('base'), link('a', first, J=f'{J} 0 0 0'), link('b', 1.0, J='1 1 1 0 0 0')),
             joint('first', 'prismatic', 'base', 'a'),
             joint('second', 'prismatic', 'a', 'b'),
         )

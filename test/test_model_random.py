@@ -208,7 +208,7 @@ def robots(draw: st.DrawFn) -> pfd.Robot:
         ).reshape(n, 3),
         position_lower=limits[0],
         position_upper=limits[1],
-        effort_limit=each(st.floats(0.0)),
+        effort_limit=each(st.floats(0.0, exclude_min=True)),
         **{key: each(positive) for key in ('damping', 'friction', 'armature')},
     )
 

@@ -187,7 +187,7 @@ def test_equal_numbers_make_equal_robots_and_any_other_number_or_name_another() 
         ({'centers': [[0, np.inf, 0]]}, "centers of joint 'hinge' must be finite"),
         ({'position_lower': [np.nan]}, "position_lower of joint 'hinge' must be a number"),
         ({'position_lower': 1.0, 'position_upper': 0.5}, 'must not exceed position_upper'),
-        ({'effort_limit': -1.0}, 'effort_limit .* must not be negative'),
+        ({'effort_limit': 0.0}, 'effort_limit .* must be above 0, infinite for no limit, got 0'),
         ({'damping': -1.0}, 'damping .* must not be negative'),
         ({'base_position': [0, 0, np.nan]}, 'base_position must be finite'),
         ({'rotations': [np.diag([1, 1, 1.001])]}, "joint 'hinge' must be orthonormal"),
@@ -395,8 +395,8 @@ def test_an_estimate_keeps_the_rotors_that_a_model_states_and_needs_both_limits(
     robot = dataclasses.replace(
         pfd.load_robot('ur5'),
         armature=np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0]),
-        effort_limit=np.array([150.0, np.inf, 0.0, 28.0, 28.0, 28.0]),
-        velocity_limit=np.array([3.0, 3.0, 3.0, 0.0, np.inf, 3.5]),
+        effort_limit=np.array([150.0, np.inf, np.inf, 28.0, 28.0, 28.0]),
+        velocity_limit=np.array([3.0, 3.0, np.inf, np.inf, np.inf, 3.5]),
     )
     expected = [0.5, 0.0, 0.0, 0.0, 0.0, SPIN_UP_TIME * 8.0]
     np.testing.assert_allclose(pfd.estimated_armature(robot), expected, rtol=1e-15)

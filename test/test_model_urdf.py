@@ -80,6 +80,7 @@ CHAINS = [
 
 
 @pytest.mark.filterwarnings("ignore:'panda'. not read.*mu_coulomb:pfd_core.PhysicsWarning")
+@pytest.mark.filterwarnings("ignore:'2dof_planar'. taken as unlimited:pfd_core.PhysicsWarning")
 @pytest.mark.parametrize(('text', 'choice', 'n'), CHAINS)
 def test_a_chain_has_the_inertia_the_torques_and_the_frames_of_pinocchio(
     text: str, choice: dict[str, object], n: int
@@ -514,12 +515,9 @@ def test_a_limit_may_be_infinite_and_its_ends_be_left_out() -> None:
         ('<mass value="4.0"/>', '', "<inertial> of link 'turret' must have a <mass>"),
         ('<mass value="4.0"/>', '<mass value="4"/><mass value="5"/>', "'turret' has 2 .*<mass>"),
         ('ixx="0.02" ', '', "<inertia ixx> of link 'pedestal' must be a number, got none"),
-        ('velocity="2" ', '', "<limit velocity> of joint 'j1' must be a number, got none"),
         ('<axis xyz="0 0 -1"/>', '<axis xyz="0 0 -1"/>' * 2, "joint 'j1' has 2 elements <axis>"),
         ('<link name="box">', '<link name="turret">', "two links named 'turret'"),
         ('<link name="box">', '<link>', 'a <link> without a name'),
-        ('effort="60"', 'effort="-60"', "<effort> of joint 'j1' must not be negative"),
-        ('lower="-1" upper="1.5"', 'lower="2" upper="1"', "position_lower of joint 'j1' must not"),
     ],
 )
 def test_elements_that_the_format_does_not_allow_are_refused_and_named(
@@ -762,12 +760,55 @@ def test_unexpanded_xacro_is_an_error_with_the_command_to_run() -> None:
         pfd.load_robot(text)
 
 
-def test_a_joint_without_limits_is_unlimited_and_warned_of() -> None:
-    limit = '<limit lower="-1" upper="1.5" velocity="2" effort="60"/>'
-    with pytest.warns(pfd.PhysicsWarning, match="joint 'j1' is "):
-        robot = pfd.load_robot(changed(limit, ''))
-    for key in ('position_upper', 'velocity_limit', 'effort_limit'):
-        assert getattr(robot, key)[0] == -robot.position_lower[0] == np.inf
+ENDS, MOTOR = ('position_lower', 'position_upper'), ('velocity_limit', 'effort_limit')
+
+
+@pytest.mark.parametrize(
+    ('limit', 'text', 'unlimited'),
+    [
+        ('', 'no <limit>', (*ENDS, *MOTOR)),
+        ('<limit lower="-1" upper="1.5" effort="60"/>', 'no velocity', MOTOR[:1]),
+        ('<limit lower="-1" upper="1.5" velocity="2"/>', 'no effort', MOTOR[1:]),
+        ('<limit lower="-1" upper="1.5" velocity="0" effort="60"/>', 'velocity 0.0', MOTOR[:1]),
+        (
+            '<limit lower="-1" upper="1.5" velocity="-1" effort="-1"/>',
+            'velocity -1.0, effort -1.0',
+            MOTOR,
+        ),
+        (
+            '<limit lower="1.5" upper="-1" velocity="2" effort="60"/>',
+            'lower 1.5 above upper',
+            ENDS,
+        ),
+    ],
+)
+def test_limits_that_are_missing_or_mean_none_are_infinite_and_named_in_one_warning(
+    limit: str, text: str, unlimited: tuple[str, ...]
+) -> None:
+    old = '<limit lower="-1" upper="1.5" velocity="2" effort="60"/>'
+    with pytest.warns(pfd.PhysicsWarning) as found:
+        robot = pfd.load_robot(changed(old, limit))
+    (warning,) = found
+    assert f"unlimited: 'j1' ({text}" in str(warning.message)
+    assert warning.filename == __file__
+    infinite = {key for key in (*ENDS, *MOTOR) if np.isinf(getattr(robot, key)[0])}
+    assert infinite == set(unlimited)
+    # What the warning proposes gives the same robot, without a warning.
+    attribute = '([a-z]+)="([^"]+)"'
+    repaired = dict(re.findall(attribute, limit + str(warning.message)))
+    text = ' '.join(f'{key}="{value}"' for key, value in repaired.items())
+    assert pfd.load_robot(changed(old, f'<limit {text}/>')) == robot
+
+
+def test_limits_of_a_yaml_file_mean_none_as_those_of_a_urdf() -> None:
+    text = pfd.robot_to_yaml(pfd.load_robot(ODD_ARM)).replace('effort: 60.0', 'effort: 0.0')
+    with pytest.warns(pfd.PhysicsWarning, match=r"'j1' \(effort 0\.0\)\. .* effort: \.inf$"):
+        assert pfd.load_robot(text).effort_limit[0] == np.inf
+
+
+def test_a_joint_with_crossed_ends_may_be_locked_anywhere() -> None:
+    text = changed('lower="-1" upper="1.5"', 'lower="1.5" upper="-1"')
+    assert pfd.load_robot(text, locked={'j1': 3.0}).n == pfd.load_robot(ODD_ARM).n - 1
 
 
 def test_misspelt_names_are_named_in_one_warning_at_the_line_that_loads() -> None:

@@ -309,13 +309,8 @@ def _model_tables(robot: Robot) -> list[list[tuple[float, float]] | None]:
     """Return tables that fall from effort limits beyond velocity limits; None without one."""
     tables: list[list[tuple[float, float]] | None] = []
     limits = robot.velocity_limit.tolist(), robot.effort_limit.tolist()
-    for name, speed, torque in zip(robot.joint_names, *limits, strict=True):
+    for speed, torque in zip(*limits, strict=True):
         limited = math.isfinite(speed) and math.isfinite(torque)
-        if limited and not speed < NO_EFFORT * speed:
-            raise ValueError(
-                f'torque_speed {MODEL!r} needs velocity limits above zero, joint {quote(name)} '
-                f'has {speed}'
-            )
         tables.append([(speed, torque), (NO_EFFORT * speed, 0.0)] if limited else None)
     return tables
 

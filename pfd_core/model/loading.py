@@ -120,8 +120,9 @@ def load_robot(
     -----
     PhysicsWarning
         If an inertia breaks the triangle rule, or in the chain of a URDF a link has no <inertial>
-        and is taken as massless, a joint has no <limit> and is taken as unlimited, an attribute
-        is not read, or a body is larger than the whole arm.
+        and is taken as massless, an attribute is not read, or a body is larger than the whole
+        arm. If a limit is taken as infinite: none is written, a velocity or effort is 0 or
+        negative, or a lower end lies above the upper one.
 
     """
     for role, name in (('base', base), ('tip', tip)):

@@ -18,6 +18,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 import hashlib
+from itertools import chain
 import math
 from types import MappingProxyType
 from typing import Any
@@ -44,6 +45,7 @@ from pfd_core.model.geometry import (
 )
 from pfd_core.model.values import (
     LARGEST,
+    MOST_NAMES,
     Array,
     FrozenArrays,
     digest_of,
@@ -73,7 +75,9 @@ LIMIT_FIELDS = {
 }
 STATED = LIMIT_FIELDS | {key: key for key in ('damping', 'friction', 'armature')}
 JOINT_FIELDS = tuple(STATED.values())
-_NOT_NEGATIVE = ('masses', *JOINT_FIELDS[2:])
+# Of a motor, limits that are numbers above 0 or infinite.
+_POSITIVE = ('velocity_limit', 'effort_limit')
+_NOT_NEGATIVE = ('masses', *JOINT_FIELDS[4:])
 # Fields that change no motion: robots that differ in these alone are equal.
 _REMARKS = ('source', 'accepted', 'snapped_joints', 'frames', 'silent')
 # Numbers of joints for which the model states none; the default of a field is none for all.
@@ -156,7 +160,8 @@ class Robot(FrozenArrays):
     armature : ndarray
         (n,) [kg m^2, prismatic kg]: rotor inertia times the square of the gear ratio.
     position_lower, position_upper, velocity_limit, effort_limit : ndarray
-        (n,) [rad, rad/s, N m; prismatic m, m/s, N]: infinite where the model gives none.
+        (n,) [rad, rad/s, N m; prismatic m, m/s, N]: infinite where the model gives none. Velocity
+        and effort limits are above 0.
     damping, friction : ndarray
         (n,) [N m s/rad, N m; prismatic N s/m, N]: viscous and Coulomb; 0 where it gives none.
     base, tip : str
@@ -291,6 +296,41 @@ def from_stated(joints: Sequence[str], rows: Sequence[Mapping[str, float]]) -> d
     return found
 
 
+def known_limits(numbers: Mapping[str, float]) -> tuple[dict[str, float], tuple[str, ...]]:
+    """
+    Return the numbers that a file states of a joint without limits that mean none, and these.
+
+    Files have 0 or a negative number for a velocity or an effort that nobody knew or nothing
+    limits, and PyBullet a lower end above the upper one for a joint without ends.
+    """
+    known, none = dict(numbers), []
+    if known.get('lower', -math.inf) > known.get('upper', math.inf):
+        none.append(f'lower {known.pop("lower")} above upper {known.pop("upper")}')
+    for key in ('velocity', 'effort'):
+        if known.get(key, math.inf) <= 0:
+            none.append(f'{key} {known.pop(key)}')
+    return known, tuple(none)
+
+
+def limits_text(name: str, none: Mapping[str, Sequence[str]], infinite: str) -> str:
+    """
+    Return the warning about joints whose limits mean none; '' if there are no such joints.
+
+    `infinite` has places for a limit's name and for the sign of its infinity, as a file has them.
+    """
+    joints = [f'{quote(joint)} ({", ".join(which)})' for joint, which in none.items() if which]
+    if not joints:
+        return ''
+    words = set(' '.join(chain.from_iterable(none.values())).split())
+    keys = [key for key in LIMIT_FIELDS if not words.isdisjoint((key, '<limit>'))]
+    repair = ' '.join(infinite.format(key, '-' if key == 'lower' else '') for key in keys)
+    more = f' and {len(joints) - MOST_NAMES} more' if len(joints) > MOST_NAMES else ''
+    return (
+        f'{quote(name)}: taken as unlimited: {", ".join(joints[:MOST_NAMES])}{more}. '
+        f'Write the true limits, or where there is none {repair}'
+    )
+
+
 def link_label(robot: Robot, index: int) -> str:
     """Return the name of link index + 1 in errors."""
     joint = quote(robot.joint_names[index])
@@ -373,6 +413,8 @@ def _check_numbers(robot: Robot, key: str, shape: tuple[int, ...]) -> None:
         _refuse(robot, key, ~(np.abs(array) <= LARGEST), rule)
     if key in _NOT_NEGATIVE:
         _refuse(robot, key, array < 0, 'must not be negative')
+    if key in _POSITIVE:
+        _refuse(robot, key, array <= 0, 'must be above 0, infinite for no limit')
 
 
 def _refuse(robot: Robot, key: str, wrong: NDArray[np.bool_], rule: str) -> None:

@@ -53,7 +53,7 @@ def estimated_armature(robot: Robot) -> Array:
     """
     check_robot(robot)
     effort, velocity = robot.effort_limit, robot.velocity_limit
-    stated = (effort > 0) & (effort < np.inf) & (velocity > 0) & (velocity < np.inf)
+    stated = np.isfinite(effort) & np.isfinite(velocity)
     estimate = np.zeros(robot.n)
     estimate[stated] = SPIN_UP_TIME * effort[stated] / velocity[stated]
     found: Array = np.where(robot.armature > 0, robot.armature, np.minimum(estimate, LARGEST))

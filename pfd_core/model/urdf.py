@@ -13,13 +13,14 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from itertools import islice
+import math
 import re
 import sys
 from typing import NamedTuple
 import xml.etree.ElementTree as ElementTree
 
 from pfd_core.model.geometry import angles_of_quaternion
-from pfd_core.model.robot import JOINT_TYPES, locked_positions
+from pfd_core.model.robot import JOINT_TYPES, known_limits, locked_positions
 from pfd_core.model.rotors import reflected_inertia
 from pfd_core.model.values import BLANKS, number_from_text, quote, quote_all
 
@@ -105,7 +106,7 @@ class Joint(NamedTuple):
     A joint.
 
     `limits` has the numbers that the file states of lower, upper, velocity, effort, damping and
-    friction. `limited` is false without the <limit> that the format requires of the kind.
+    friction. `unlimited` names limits that are missing or mean none, as the file states them.
     """
 
     name: str
@@ -115,7 +116,7 @@ class Joint(NamedTuple):
     origin: Origin
     axis: Triple
     limits: Mapping[str, float]
-    limited: bool
+    unlimited: tuple[str, ...]
     mimic: Mimic | None
 
 
@@ -403,27 +404,32 @@ def _joint(element: Element, name: str, turned: bool) -> Joint:
     if mimic is not None:
         factors = _number(mimic, 'multiplier', label, 1.0), _number(mimic, 'offset', label, 0.0)
         rule = Mimic(mimic.get('joint', ''), *factors)
-    limits, origin = _limits(element, kind, label), _origin(element, label, turned)
-    limited = kind not in ('revolute', 'prismatic') or element.find('limit') is not None
-    return Joint(name, kind, parent, child, origin, axis, limits, limited, rule)
+    (limits, unlimited), origin = _limits(element, kind, label), _origin(element, label, turned)
+    return Joint(name, kind, parent, child, origin, axis, limits, unlimited, rule)
 
 
-def _limits(element: Element, kind: str, label: str) -> dict[str, float]:
-    """Return the limits and losses that a joint states."""
+def _limits(element: Element, kind: str, label: str) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Return the limits and losses that a joint states, and limits that it should state."""
     limit, dynamics = _only(element, 'limit', label), _only(element, 'dynamics', label)
     found: dict[str, float] = {}
+    missing: tuple[str, ...] = ()
     if limit is not None:
-        # The format gives 0 to an end that is left out; the other two must be there.
+        # The format gives 0 to an end that is left out; the other two should be there.
         ends = {key: _number(limit, key, label, 0.0) for key in ('lower', 'upper')}
         found = ends if kind in ('revolute', 'prismatic') else {}
-        found |= {key: _number(limit, key, label) for key in ('velocity', 'effort')}
+        motor = {key: _number(limit, key, label, math.nan) for key in ('velocity', 'effort')}
+        found |= {key: value for key, value in motor.items() if key in limit.attrib}
+        missing = tuple(f'no {key}' for key in motor if key not in limit.attrib)
+    elif kind in ('revolute', 'prismatic'):
+        missing = ('no <limit>',)
     if dynamics is not None:
         keys = (key for key in KNOWN['dynamics'] if dynamics.get(key) is not None)
         found |= {key: _number(dynamics, key, label) for key in keys}
-    for key, value in found.items():
-        if value < 0 and key not in ('lower', 'upper'):
-            raise ValueError(f'<{key}> of {label} must not be negative, got {value}')
-    return {key: value for key, value in found.items() if abs(value) != LARGEST_LIMIT}
+    for key in KNOWN['dynamics']:
+        if found.get(key, 0.0) < 0:
+            raise ValueError(f'<{key}> of {label} must not be negative, got {found[key]}')
+    known, none = known_limits({k: x for k, x in found.items() if abs(x) != LARGEST_LIMIT})
+    return known, (*missing, *none)
 
 
 def _armature(root: Element, joints: Collection[str]) -> dict[str, float]:

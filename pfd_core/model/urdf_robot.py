@@ -40,6 +40,7 @@ from pfd_core.model.robot import (
     Robot,
     check_locked_position,
     from_stated,
+    limits_text,
     locked_positions,
 )
 from pfd_core.model.urdf import NOT_A_CHAIN, Inertial, Joint, Origin, Urdf
@@ -110,12 +111,9 @@ def robot_from_urdf(
     _warn_of_sizes(urdf, chain)
     _warn_of_degrees(urdf)
     joints = chain.joints
-    for joint in joints:
-        if not joint.limited:
-            _warn(
-                f'joint {quote(joint.name)} is {joint.kind} and has no <limit>: it is taken as '
-                'unlimited. If it is meant, give it infinite limits'
-            )
+    unlimited = limits_text(urdf.name, {j.name: j.unlimited for j in joints}, '{}="{}inf"')
+    if unlimited:
+        _warn(unlimited)
     names = tuple(joint.name for joint in joints)
     rotors = {name: {'armature': inertia} for name, inertia in urdf.armature.items()}
     numbers = [{**joint.limits, **rotors.get(joint.name, {})} for joint in joints]

@@ -19,7 +19,8 @@ is one of
                  `Robot` has them. Body in the frame at the end.
 
 and the same one for all joints of a file. Optional for a joint: `limits` {lower, upper, velocity,
-effort}; `damping`, `friction`, `armature` at the joint; `rotor` {inertia, gear_ratio, damping,
+effort}, where a velocity or effort of 0 or below and a lower above upper mean no limit, with a
+warning; `damping`, `friction`, `armature` at the joint; `rotor` {inertia, gear_ratio, damping,
 friction} at the motor, carried to the joint by the gear; `accept_unphysical_inertia`, if the
 published numbers break the triangle rule.
 
@@ -37,6 +38,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
+import warnings
 
 import numpy as np
 import yaml
@@ -56,9 +58,12 @@ from pfd_core.model.geometry import (
 from pfd_core.model.robot import (
     LIMIT_FIELDS,
     Frame,
+    PhysicsWarning,
     Robot,
     check_robot,
     from_stated,
+    known_limits,
+    limits_text,
     stated,
     turned,
 )
@@ -232,7 +237,7 @@ def robot_from_yaml(text: str, source: str) -> Robot:
     further = document.get('frames', {})
     if not isinstance(further, Mapping):
         raise ValueError(f'frames must be a table of frames by name, got {quote(further)}')
-    return Robot(
+    robot = Robot(
         name=name,
         joint_names=names,
         joint_types=tuple(joint.kind for joint in joints),
@@ -245,6 +250,10 @@ def robot_from_yaml(text: str, source: str) -> Robot:
         **from_stated(names, [joint.stated for joint in joints]),
         frames={frame: _frame(f'frame {quote(frame)}', row) for frame, row in further.items()},
     )
+    unlimited = limits_text(name, {j.name: j.unlimited for j in joints}, '{}: {}.inf')
+    if unlimited:
+        warnings.warn(unlimited, PhysicsWarning, stacklevel=3)
+    return robot
 
 
 def _frame(label: str, row: Any) -> Frame:
@@ -286,6 +295,7 @@ class Joint(NamedTuple):
     frame: Placement
     body: Body
     stated: Mapping[str, float]  # numbers that the file states, by their names in STATED
+    unlimited: tuple[str, ...]  # limits that mean none
     accepted: bool
 
 
@@ -309,13 +319,15 @@ def _joint(index: int, row: Any) -> Joint:
     center = _array(f'center of {label}', row.get('center', ['0'] * 3), (3,))
     limit = partial(number_from_text, infinite=True)
     limited = {k: _number(f'limit {k} of {label}', x, limit) for k, x in limits.items()}
+    known, unlimited = known_limits(limited)
     return Joint(
         row['name'],
         row['type'],
         ways[0],
         _placed(label, ways[0], row[ways[0]]),
         (mass, center, symmetric(*elements)),
-        limited | _losses(label, row),
+        known | _losses(label, row),
+        unlimited,
         accepted in ('true', 'True'),
     )
 

@@ -68,10 +68,7 @@ def sine(robot: pfd.Robot, scene: pfd.Scene) -> Motion:
     limited = np.isfinite([robot.position_lower, robot.position_upper]).all(axis=0)
     lower = np.where(limited, robot.position_lower, 0.0)
     upper = np.where(limited, robot.position_upper, 0.0)
-    # URDFs often write zero for an unknown limit.
-    fastest = np.where(robot.velocity_limit > 0, robot.velocity_limit, np.inf)
-    strongest = np.where(robot.effort_limit > 0, robot.effort_limit, np.inf)
-    amplitude = np.minimum(AMPLITUDE, VELOCITY_SHARE * fastest / (2 * np.pi))
+    amplitude = np.minimum(AMPLITUDE, VELOCITY_SHARE * robot.velocity_limit / (2 * np.pi))
     amplitude = np.where(limited, np.minimum(amplitude, RANGE_SHARE * (upper - lower)), amplitude)
     w = 2 * np.pi * np.linspace(0.4, 1.0, robot.n)
     step = simulator.step_size
@@ -83,7 +80,9 @@ def sine(robot: pfd.Robot, scene: pfd.Scene) -> Motion:
     for k in range(len(y)):
         q[k], qd[k] = simulator.q, simulator.qd
         qdd = ydd[k] + BANDWIDTH**2 * (y[k] - q[k]) + 2 * BANDWIDTH * (yd[k] - qd[k])
-        taus[k] = np.clip(inverse(q[k], qd[k], qdd, wrench), -strongest, strongest)
+        taus[k] = np.clip(
+            inverse(q[k], qd[k], qdd, wrench), -robot.effort_limit, robot.effort_limit
+        )
         simulator.step(taus[k], wrench)
     name = 'sine: the joints follow sines of 0.4 to 1 Hz'
     return Motion(name, SETTINGS, taus, np.zeros(taus.shape, bool), q, qd)

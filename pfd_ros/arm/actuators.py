@@ -32,14 +32,9 @@ from pfd_ros.text import cut
 LEVER, WIDE_EFFORT, WIDE_SPEED = 50.0, 1000.0, 100.0
 
 
-def _stated(limits: NDArray[Any], wide: float) -> NDArray[Any]:
-    # Many models hold 0 for a limit that nobody knew.
-    return np.where((limits > 0.0) & (limits < np.inf), limits, wide)
-
-
 def speed_limits(robot: pfd.Robot) -> NDArray[Any]:
     """Return the speed up to which each motor has its full effort, (n,) in model order, finite."""
-    return _stated(robot.velocity_limit, WIDE_SPEED)
+    return np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, WIDE_SPEED)
 
 
 class Actuators:
@@ -59,7 +54,8 @@ class Actuators:
         rate = settings.reflex_effort_rate
         self.largest_jump = rate * settings.step_size if rate else np.inf
         wide = max(WIDE_EFFORT, LEVER * float(np.sum(robot.masses)))
-        full, speeds = _stated(robot.effort_limit, wide), speed_limits(robot)
+        full = np.where(np.isfinite(robot.effort_limit), robot.effort_limit, wide)
+        speeds = speed_limits(robot)
         endless = np.full(robot.n, np.inf)
         table = settings.torque_speed and scene.torque_speed is None
         # The first row of a torque-speed table is the largest torque at any speed.

@@ -199,9 +199,7 @@ class Recorded:
         bounds = {item: np.tile([[-np.inf], [np.inf]], len(names)) for item in JOINT_FIELDS}
         robot = self.robot
         if robot is not None:
-            # Many models hold 0 for a limit that nobody knew.
-            limits = robot.velocity_limit, robot.effort_limit
-            speed, effort = (np.where(x > 0.0, x, np.inf) for x in limits)
+            speed, effort = robot.velocity_limit, robot.effort_limit
             pairs = (robot.position_lower, robot.position_upper), (-speed, speed)
             known = {name: k for k, name in enumerate(robot.joint_names)}
             columns = [j for j, name in enumerate(names) if name in known]

@@ -111,8 +111,8 @@ class Stage:
         self._wrench = DrawnWrench(scene, reach, self.scale)
         self._payload = DrawnPayload(scene, reach)
         limits = [urdf.joints[name].limits for name in self.joints]
-        ends = np.array([item.get('effort', 0.0) for item in limits])
-        ends = np.where(np.isfinite(ends) & (ends > 0), ends, largest)
+        ends = np.array([item.get('effort', np.inf) for item in limits])
+        ends = np.where(np.isfinite(ends), ends, largest)
         # Without a scale a torque has no colour.
         self._ends = np.where(ends > 0, ends, np.nan)
         self._lower = np.array([item.get('lower', -np.inf) for item in limits])

@@ -225,11 +225,6 @@ def test_sines_are_motions_of_the_full_scene_within_the_limits(arm: str) -> None
     np.testing.assert_array_equal(simulator.rollout(motion.taus).q[:-1], motion.q[1:])
 
 
-def test_limits_of_zero_are_none() -> None:
-    unknown = replace(DISC, velocity_limit=np.zeros(1), effort_limit=np.zeros(1))
-    assert np.ptp(sine_motion(unknown, pfd.Scene()).q) > 0.9
-
-
 @pytest.mark.parametrize(
     'settings',
     [

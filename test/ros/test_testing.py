@@ -11,6 +11,7 @@ import math
 import os
 from pathlib import Path
 import pickle
+import re
 import signal
 import sys
 import threading
@@ -299,6 +300,18 @@ def test_a_robot_and_a_scene_may_be_objects() -> None:
     for k in range(100):
         assert (found.q[k] == sim.q).all()
         sim.step([1.0, 0.0])
+
+
+def test_limits_of_0_in_a_urdf_are_none_to_the_arm_and_its_assertions(tmp_path: Path) -> None:
+    text = pfd.robot_to_urdf(pfd.load_robot('planar2'))
+    path = tmp_path / 'arm.urdf'
+    path.write_text(re.sub('(velocity|effort)="[^"]*"', r'\1="0"', text))
+    with pytest.warns(pfd.PhysicsWarning, match=r"'shoulder' \(.*effort 0\.0\), 'elbow' \("):
+        arm = LockstepArm(path, gravity_compensation=True)
+    found = arm.run(lambda t, q, qd: [5.0, 1.0], 0.05)
+    assert found.tau[-1].tolist() == [5.0, 1.0]
+    found.assert_no_limit_hit()
+    assert all('no limit reached' in line for line in found.symptoms())
 
 
 def test_arrays_are_in_the_order_of_the_setting_joints() -> None:

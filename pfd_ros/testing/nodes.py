@@ -63,8 +63,10 @@ ORDER = (NAMED, ARRAY)
 # the callback of the clock made due. A state and its tick have a barrier each: else a callback of
 # the state would read the clock of either, by chance.
 AFTER_STATE, AFTER_TICK = 2, 3
-# The graph has to stay the same for so long before the first state, s; a first request without
-# reply is repeated after AGAIN; a wait is at most LOOK long, and the graph is read as often.
+# The graph has to stay the same for so long before the first state, s, for each process elsewhere:
+# whether two of them know each other cannot be seen from here; by loopback.xml each announces
+# itself twice in that time. A first request without reply is repeated after AGAIN; a wait is at
+# most LOOK long, and the graph is read as often.
 QUIET_SECONDS, AGAIN_SECONDS, LOOK_SECONDS = 0.2, 0.5, 0.05
 COMMAND_DEPTH = 100
 EVENTS = '/parameter_events'
@@ -303,7 +305,7 @@ class NodeLink:
             missing = '; '.join(self._missing(ends, matched))
             if missing or (ends, matched) != seen:
                 seen, since = (ends, matched), now
-            elif now - since > QUIET_SECONDS:
+            elif now - since > QUIET_SECONDS * max(1, len(self._places)):
                 break
             self._check_processes()
             if now - begun > start_patience:

@@ -148,13 +148,14 @@ class SimArmNode(LifecycleNode):
         """Run a transition; log its error instead of raising it."""
         work = {'configure': self._configure, 'cleanup': self._clean_up}
         with self._lock:
-            if self._closed:
+            # The steps end at once with a signal: what would wait for them is not begun.
+            if self._closed or self._threads.stop.is_set():
                 return TransitionCallbackReturn.FAILURE
             try:
                 work.get(name, partial(self._request, name))()
             except MISTAKES as error:
                 self._error = error
-                if not self._starting:
+                if not self._starting and not self._threads.stop.is_set():
                     self._failed[name] = f'{name} failed: {reason(error)}'
                     self._report.log(self._failed[name], error=True)
                 return TransitionCallbackReturn.FAILURE

@@ -148,8 +148,9 @@ class SimArmNode(LifecycleNode):
         """Run a transition; log its error instead of raising it."""
         work = {'configure': self._configure, 'cleanup': self._clean_up}
         with self._lock:
-            # The steps end at once with a signal: what would wait for them is not begun.
-            if self._closed or self._threads.stop.is_set():
+            # The steps end at once with a signal: a request that would wait for them is not begun.
+            ending = self._threads.stop.is_set() and not self._starting
+            if self._closed or ending:
                 return TransitionCallbackReturn.FAILURE
             try:
                 work.get(name, partial(self._request, name))()

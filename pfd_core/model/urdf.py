@@ -278,9 +278,8 @@ def _unread(
     for key in element.attrib:
         if key not in known[tag] or (holds and key in known):
             yield f'{place} {quote(key.rpartition("}")[2])[1:-1]}=', tag, key
-    if (
-        tag == 'transmission'
-    ):  # Which holds what anyone likes, but a rotor in its <actuator> alone.
+    # It may hold anything, but a rotor only in its <actuator>.
+    if tag == 'transmission':
         for outside in (element, *element.findall('joint')):
             for key, _ in _values(outside):
                 if key in ROTORS:

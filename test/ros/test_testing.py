@@ -898,8 +898,9 @@ def test_what_a_controller_has_started_ends_with_it() -> None:
 
 def test_a_test_runner_that_is_killed_leaves_no_process_behind(tmp_path: Path) -> None:
     code = """
-import sys, time
+import signal, sys, time
 from pfd_ros.testing import ControllerProcess
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
 code = 'import time; print(1, flush=True); time.sleep(600)'
 with ControllerProcess([sys.executable, '-c', code]) as process:
     while not process.text():

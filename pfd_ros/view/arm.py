@@ -167,9 +167,9 @@ class Stage:
         )
 
     def look(self, positions: ArrayLike = ()) -> None:
-        """Place the camera so that the arm at positions (N, joints) is in view, or its reach."""
+        """Place the camera on the arm at positions (N, joints), or on most of its reach."""
         rows, reach = np.asarray(positions, float), self._reach
-        points = np.array([[-reach / 2, -reach / 2, 0.0], [reach / 2, reach / 2, reach]])
+        points = reach / 3 * np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 2.0]])
         if len(rows):
             points = np.concatenate([self.poses.at(row)[:, :3, 3] for row in rows])
         low, high = points.min(axis=0) - MARGIN * reach, points.max(axis=0) + MARGIN * reach

@@ -79,8 +79,8 @@ CHAINS = [
 ]
 
 
-@pytest.mark.filterwarnings("ignore:'panda'. not read.*mu_coulomb:pfd_core.PhysicsWarning")
-@pytest.mark.filterwarnings("ignore:'2dof_planar'. taken as unlimited:pfd_core.PhysicsWarning")
+@pytest.mark.filterwarnings('ignore:URDF text. not read.*mu_coulomb:pfd_core.PhysicsWarning')
+@pytest.mark.filterwarnings("ignore:'URDF text'. taken as unlimited:pfd_core.PhysicsWarning")
 @pytest.mark.parametrize(('text', 'choice', 'n'), CHAINS)
 def test_a_chain_has_the_inertia_the_torques_and_the_frames_of_pinocchio(
     text: str, choice: dict[str, object], n: int
@@ -263,7 +263,7 @@ def test_a_quaternion_in_version_1_0_is_not_read_but_named_as_pinocchio_does() -
     for version in ('', ' version="1.0"'):
         text = turned_by('0.1 -0.7 0.3 0.9', '0 0 1 1', version=version)
         with pytest.warns(
-            pfd.PhysicsWarning, match=r'quat_xyzw= and 3 more \(read in version 1.1'
+            pfd.PhysicsWarning, match=r'quat_xyzw= \(line 4\) and 3 more \(read in version 1.1'
         ):
             robot = pfd.load_robot(text)
         assert_same_physics(robot, text, {})
@@ -340,7 +340,9 @@ def test_attributes_of_many_joints_that_are_not_read_are_named_once_with_their_n
     with pytest.warns(pfd.PhysicsWarning) as found:
         pfd.load_robot(text, locked=locked)
     (warning,) = [item for item in found if 'not read' in str(item.message)]
-    assert "<joint name='panda_joint1'> <dynamics> mu_coulomb= and 6 more" in str(warning.message)
+    assert "<joint name='panda_joint1'> <dynamics> mu_coulomb= (line 48) and 6 more" in str(
+        warning.message
+    )
 
 
 ROTOR = """<transmission name="t">{}<joint name="j1">{}</joint>
@@ -621,6 +623,90 @@ def test_the_other_half_of_an_inertia_may_be_written_and_must_be_the_same() -> N
             pfd.load_robot(text.replace(inertia, f'{inertia} {key}="0"'))
 
 
+# Line 1 is the declaration; link, joint and transmission begin in lines 5, 11 and 17.
+LINED = """<?xml version="1.0"?>
+<!-- an arm -->
+<robot name="arm">
+  <link name="base"/>
+  <link name="arm">
+    <inertial>
+      <mass value="1"/>
+      <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>
+    </inertial>
+  </link>
+  <joint name="j" type="revolute">
+    <parent link="base"/><child link="arm"/>
+    <axis xyz="0 0 1"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/>
+    <dynamics damping="0"/>
+  </joint>
+  <transmission name="t"><type>SimpleTransmission</type>
+    <joint name="j"/>
+    <actuator name="m"><motorInertia>0</motorInertia></actuator>
+  </transmission>
+</robot>"""
+INERTIA = 'ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"'
+MIMICS = '<mimic joint="{}"/></joint>'
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'line', 'words'),
+    [
+        ('<mass value="1"/>', '<mass value="1,5"/>', 7, "<mass value> of link 'arm'"),
+        ('<mass value="1"/>', '<mass value="-1"/>', 6, "<mass value> of link 'arm'"),
+        ('<mass value="1"/>', '', 6, "<inertial> of link 'arm'"),
+        ('iyz="0" ', '', 8, "<inertia iyz> of link 'arm'"),
+        (INERTIA, INERTIA.replace('ixx="1"', 'ixx="-1"'), 6, "<inertia> of link 'arm'"),
+        ('link name="arm"', 'link name="base"', 5, r"two links named 'base' \(line [45]\)"),
+        ('type="revolute"', 'type="ball"', 11, "joint 'j' has type 'ball'"),
+        ('<child link="arm"/>', '<child link="leg"/>', 11, "joint 'j' names link 'leg'"),
+        ('xyz="0 0 1"', 'xyz="0 1"', 13, "<axis xyz> of joint 'j'"),
+        ('xyz="0 0 1"', 'xyz="0 0 0"', 13, "<axis xyz> of joint 'j'"),
+        ('effort="1"', 'effort="nan"', 14, "<limit effort> of joint 'j'"),
+        ('damping="0"', 'damping="-1"', 15, "<dynamics damping> of joint 'j'"),
+        ('</joint>', MIMICS.format('j'), 11, "<mimic> in a circle of joints: 'j'"),
+        ('>SimpleT', '>pkg/WristT', 17, "transmission 't'.*'WristTransmission'"),
+        ('>0</motor', '>a</motor', 19, "motorInertia of transmission 't'"),
+        ('name="arm">', 'name="arm" version="2.0">', 3, "<robot version>.*got '2.0'"),
+        ('<robot', '<!DOCTYPE robot>\n<robot', 3, 'no <!DOCTYPE>'),
+        ('<link name="base"/>', '<link name="base">', 21, 'not well-formed XML: mismatched tag'),
+    ],
+)
+def test_an_error_about_an_element_starts_with_its_file_and_line(
+    tmp_path: Path, old: str, new: str, line: int, words: str
+) -> None:
+    assert LINED.count(old) >= 1
+    text = LINED.replace(old, new, 1)
+    path = tmp_path / 'arm.urdf'
+    path.write_text(text)
+    for source, place in ((path, re.escape(str(path))), (f'\n{text}', 'URDF text')):
+        number = line + (source is not path)
+        with pytest.raises(ValueError, match=f'^{place}, line {number}: .*{words}') as caught:
+            pfd.load_robot(source)
+        assert '\n' not in str(caught.value)
+
+
+def test_a_circle_of_mimics_is_named_wherever_it_is() -> None:
+    links = [link(name, 1, J=BODY) for name in 'abcde']
+    joints = [
+        joint(f'j{k}', 'continuous', *pair) for k, pair in enumerate(('ab', 'bc', 'cd', 'de'))
+    ]
+    for k, leader in ((0, 'j1'), (1, 'j2'), (2, 'j3'), (3, 'j1')):
+        joints[k] = joints[k].replace('</joint>', MIMICS.format(leader))
+    with pytest.raises(ValueError, match=r"line 9: <mimic> in a circle.*: 'j1', 'j2', 'j3'$"):
+        pfd.load_robot(urdf('arm', *links, *joints))
+
+
+def test_a_transmission_of_an_unknown_type_is_named_with_its_line() -> None:
+    text = LINED.replace('>0</motorInertia>', '/>').replace('<motorInertia', '<gain')
+    with pytest.warns(pfd.PhysicsWarning, match=r"<transmission name='t'> of type 'Wr.*line 17\)"):
+        pfd.load_robot(text.replace('>SimpleT', '>pkg/WristT'))
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        for name in ('SimpleT', 'transmission_interface/DifferentialT'):
+            assert pfd.load_robot(text.replace('>SimpleT', f'>{name}')).n == 1
+
+
 BOMB = '<!DOCTYPE r [<!ENTITY a0 "x">{}]><robot name="&a30;"><link name="a"/></robot>'.format(
     ''.join(f'<!ENTITY a{i + 1} "&a{i};&a{i};">' for i in range(30))
 )
@@ -630,14 +716,21 @@ BOMB = '<!DOCTYPE r [<!ENTITY a0 "x">{}]><robot name="&a30;"><link name="a"/></r
     ('text', 'message'),
     [
         (BOMB, 'a URDF has no <!DOCTYPE>'),
+        ('<robot>' + '<link name="a"/>' * 1_000_000 + '</robot>', 'than the 100000 elements'),
+        (f'<robot><link name="{"x" * 16_000_000}"/></robot>', 'no joint moves'),
+        (f'<robot version="{"1" * 16_000_000}"/>', '<robot version> must be one of 1.0, 1.1, 1.2'),
+        (
+            f'<robot><link name="a"/><joint name="j" type="{"x" * 16_000_000}"/></robot>',
+            'has type',
+        ),
         ('<!DOCTYPE robot SYSTEM "file:///etc/passwd"><robot/>', 'a URDF has no <!DOCTYPE>'),
         ('<robot>' + ''.join(f'<link name="{i}"/>' for i in range(501)) + '</robot>', '501 links'),
-        ('<robot>' + '<a>' * 200_000 + '</a>' * 200_000 + '</robot>', 'the URDF has no <link>'),
+        ('<robot>' + '<a>' * 2_000_000 + '</a>' * 2_000_000 + '</robot>', 'more than 100 deep'),
         ('<robot name="\ud800"/>', 'not well-formed XML'),
         ('<robot name="\0"/>', 'not well-formed XML'),
         ('<robot>' + ' ' * (16 * 2**20) + '</robot>', 'characters, more than'),
     ],
-    ids=range(7),
+    ids=range(11),
 )
 def test_hostile_xml_is_refused_in_a_short_line(text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message) as caught:
@@ -715,15 +808,38 @@ def arm_of(first: str, last: str = '', rpy: str = '0 0 0') -> str:
 @pytest.mark.parametrize(
     ('text', 'words'),
     [
-        (arm_of('51.3 0.1 0 0 16600 16600 10000'), "'upper' has a radius of gyration of 18 m"),
-        (arm_of('1.2 53 0.2 -4 0.002 0.003 0.003'), "'upper' has its centre 53.2 m from its fra"),
-        (arm_of('1.2 0.05 0 0 1200 3300 3400'), "'upper' has a radius of gyration of 53.2 m"),
+        (
+            arm_of('51.3 0.1 0 0 16600 16600 10000'),
+            "'upper' (line 4) has a radius of gyration of 18 m",
+        ),
+        (arm_of('1.2 53 0.2 -4 0.002 0.003 0.003'), "'upper' (line 4) has its centre 53.2 m from"),
+        (
+            arm_of('1.2 0.05 0 0 1200 3300 3400'),
+            "'upper' (line 4) has a radius of gyration of 53.2 m",
+        ),
         # As in Doosan's a0509: in the frame of the base.
-        (arm_of('3.785 -0.3 0.2 0.4 0.01 0.01 0.01'), "'upper' has its centre 0.539 m from"),
-        (arm_of('1 0.1 0 0 0.01 0.01 0.01', '1 80 0 0 0.01 0.01 0.01'), "'fore' has its centre"),
+        (
+            arm_of('3.785 -0.3 0.2 0.4 0.01 0.01 0.01'),
+            "'upper' (line 4) has its centre 0.539 m from",
+        ),
+        (
+            arm_of('1 0.1 0 0 0.01 0.01 0.01', '1 80 0 0 0.01 0.01 0.01'),
+            "'fore' (line 5) has its centre",
+        ),
+        # As in Doosan's m1013, which is longer than its wrong centre is far.
+        (
+            urdf(
+                *('arm', link('base'), link('upper', 3, '0.4 0 0', J=BODY)),
+                *(link('wrist', 2, '1.1 0 0', J=BODY), link('hand', 1, J=BODY)),
+                joint('shoulder', 'revolute', 'base', 'upper', '0 0 0.3'),
+                joint('elbow', 'revolute', 'upper', 'wrist', '0.9 0 0', axis='0 1 0'),
+                joint('roll', 'revolute', 'wrist', 'hand', '0.12 0 0', axis='1 0 0'),
+            ),
+            "'wrist' (line 5) has its centre 1.1 m from its frame (0.12 m of the arm are beyond",
+        ),
         (arm_of('1 0.1 0 0 0.01 0.01 0.01', rpy='90 0 0'), "joint 'shoulder' has more than a who"),
     ],
-    ids=['g', 'mm', 'g mm^2', 'base frame', 'last', 'degrees'],
+    ids=['g', 'mm', 'g mm^2', 'base frame', 'last', 'long arm', 'degrees'],
 )
 def test_a_size_that_no_body_of_the_arm_has_is_warned_of_and_taken_as_written(
     text: str, words: str

@@ -4,7 +4,8 @@
 URDF string -> `Urdf`, the one record of a model for all readers of a URDF.
 
 Other readers drop an <inertial> that they cannot read and carry on without the link's mass. Here
-a number, an element or a name that breaks the format is an error that names its link or joint.
+a number, an element or a name that breaks the format is an error that names its link or joint,
+the file and the line.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ import math
 import re
 import sys
 from typing import NamedTuple
-import xml.etree.ElementTree as ElementTree
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
 
 from pfd_core.model.geometry import angles_of_quaternion
 from pfd_core.model.robot import JOINT_TYPES, known_limits, locked_positions
@@ -69,12 +71,15 @@ PHYSICAL = ('origin', 'mass', 'inertia', 'axis', 'limit', 'dynamics', 'mimic', '
 # Names of the format and of other tools that are not read here, and are no misspelt ones.
 FOREIGN = {'visual', 'collision', 'material', 'gazebo', 'ros2_control', 'safety_controller'}
 FOREIGN |= {'calibration'}
-# Published URDFs have up to 1 MB and some 150 links.
+# Types of transmissions that ROS has; others are of plugins.
+SIMPLE = 'SimpleTransmission'
+TRANSMISSIONS = ('', SIMPLE, 'DifferentialTransmission', 'FourBarLinkageTransmission')
+# Published URDFs have up to 1 MB, some 150 links, and 4000 elements, 8 within each other.
 MOST_CHARACTERS, MOST_LINKS = 16 * 2**20, 500
+MOST_ELEMENTS, DEEPEST = 100_000, 100
 # Longest name that is compared with the names that are read, and most of these.
 LONGEST_NAME, MOST_COMPARED = 40, 10_000
 
-Element = ElementTree.Element
 Triple = tuple[float, float, float]
 
 
@@ -85,12 +90,29 @@ class Origin(NamedTuple):
     rpy: Triple
 
 
+class Place(NamedTuple):
+    """Where an element is: file or 'URDF text', and line, 0 if unknown."""
+
+    source: str
+    line: int
+
+    def __str__(self) -> str:
+        """Return it as the start of an error."""
+        return repr(self.source)[1:-1] + (f', line {self.line}' if self.line else '')
+
+    @property
+    def short(self) -> str:
+        """The line alone, to follow the name of an element."""
+        return f' (line {self.line})' if self.line else ''
+
+
 class Inertial(NamedTuple):
     """Mass [kg], the frame at the centre of mass, and the inertia in it by `INERTIA_KEYS`."""
 
     mass: float
     origin: Origin
     inertia: tuple[float, ...]
+    place: Place
 
 
 class Mimic(NamedTuple):
@@ -118,6 +140,7 @@ class Joint(NamedTuple):
     limits: Mapping[str, float]
     unlimited: tuple[str, ...]
     mimic: Mimic | None
+    place: Place
 
 
 @dataclass(frozen=True)
@@ -153,6 +176,11 @@ class Urdf:
     misspelt: tuple[str, ...] = ()
     unread: tuple[str, ...] = ()
 
+    @property
+    def place(self) -> Place:
+        """The source, as the start of an error."""
+        return Place(self.source, 0)
+
     def with_followers(self, locked: Mapping[str, float]) -> dict[str, float]:
         """
         Return the positions [rad, m] of locked joints and of the joints that mimic them.
@@ -178,9 +206,10 @@ def parse_urdf(text: str, source: str = 'URDF text') -> Urdf:
     """
     Return the record of a URDF; `source` is the origin of the text.
 
-    ValueError if the text is no XML or no <robot>, or a link or joint breaks the format.
+    ValueError if the text is no XML or no <robot>, or a link or joint breaks the format. It starts
+    with source and line, but without a line for xacro, whose expansion has other lines.
     """
-    root = _root(text)
+    root = _root(text, source)
     known = _known(root)
     turned = QUATERNIONS in known['origin']
     links = {
@@ -188,10 +217,13 @@ def parse_urdf(text: str, source: str = 'URDF text') -> Urdf:
         for name, e in _named(root, 'link').items()
     }
     if not links:
-        raise ValueError('the URDF has no <link>; if it is xacro, load the .xacro file')
-    if len(links) > MOST_LINKS:
-        raise ValueError(f'the URDF has {len(links)} links, more than the {MOST_LINKS} supported')
+        raise _error(root, 'the URDF has no <link>; if it is xacro, load the .xacro file')
     joints = {name: _joint(e, name, turned) for name, e in _named(root, 'joint').items()}
+    for kind, count in (('links', len(links)), ('joints', len(joints))):
+        if count > MOST_LINKS:
+            problem = f'the URDF has {count} {kind}, more than the {MOST_LINKS} supported'
+            raise _error(root, problem)
+    _check_mimics(joints)
     misspelt, unread = _not_read(root, known)
     return Urdf(
         name=root.get('name') or 'robot',
@@ -205,34 +237,75 @@ def parse_urdf(text: str, source: str = 'URDF text') -> Urdf:
     )
 
 
-class _Builder(ElementTree.TreeBuilder):
-    """Builds a tree of elements without entities, which could expand to any size."""
+class _Element(Element):
+    """An element that knows its place."""
 
-    def doctype(self, *_: object) -> None:
-        """Refuse a document type."""
-        raise ValueError('a URDF has no <!DOCTYPE>')
+    __slots__ = ('place',)
+    place: Place
 
 
-def _root(text: str) -> Element:
-    """Return the <robot> of a text."""
+def _error(element: Element, problem: str) -> ValueError:
+    return ValueError(f'{_place(element)}: {problem}')
+
+
+def _place(element: Element) -> Place:
+    assert isinstance(element, _Element)
+    return element.place
+
+
+def _root(text: str, source: str) -> Element:
+    """Return the <robot> of a text, without entities, which could expand to any size."""
     if len(text) > MOST_CHARACTERS:
-        raise ValueError(
-            f'the URDF has {len(text)} characters, more than the {MOST_CHARACTERS} supported'
-        )
+        problem = f'the URDF has {len(text)} characters, more than the {MOST_CHARACTERS}'
+        raise ValueError(f'{Place(source, 0)}: {problem} supported')
+    before = text[: len(text) - len(text.lstrip())].count('\n')
+    builder, parser = TreeBuilder(_Element), expat.ParserCreate(namespace_separator='}')
+    count = depth = 0
+
+    def place(line: int) -> Place:
+        return Place(source, 0 if source.endswith('.xacro') else before + line)
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal count, depth
+        count, depth = count + 1, depth + 1
+        # ElementTree's way to write a name of a namespace.
+        names = {f'{{{key}' if '}' in key else key: x for key, x in attributes.items()}
+        element = builder.start(f'{{{tag}' if '}' in tag else tag, names)
+        element.place = place(parser.CurrentLineNumber)  # type: ignore[attr-defined]
+        if count > MOST_ELEMENTS:
+            raise _error(element, f'the URDF has more than the {MOST_ELEMENTS} elements supported')
+        if depth > DEEPEST:
+            raise _error(element, f'the URDF has elements more than {DEEPEST} deep')
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(f'{{{tag}' if '}' in tag else tag)
+
+    def refuse(*_: object) -> None:
+        raise ValueError(f'{place(parser.CurrentLineNumber)}: a URDF has no <!DOCTYPE>')
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.CharacterDataHandler, parser.StartDoctypeDeclHandler = builder.data, refuse
     try:
-        root = ElementTree.fromstring(text.strip(), ElementTree.XMLParser(target=_Builder()))
-    except (ElementTree.ParseError, UnicodeEncodeError) as error:
-        problem = quote(str(error))[1:-1]
-        raise ValueError(f'the URDF is not well-formed XML: {problem}') from error
+        parser.Parse(text.strip(), True)
+    except expat.ExpatError as error:
+        problem = f'not well-formed XML: {expat.ErrorString(error.code)}'
+        raise ValueError(f'{place(error.lineno)}: {problem}') from error
+    except UnicodeEncodeError as error:
+        line = text.count('\n', 0, error.start) + 1
+        raise ValueError(f'{place(line)}: not well-formed XML: {error}') from error
+    root = builder.close()
     for element in root.iter():
         space, _, name = element.tag.rpartition('}')
         if 'xacro' in space:
-            raise ValueError(
-                f'the URDF has <xacro:{quote(name)[1:-1]}>, which is not expanded: load '
-                'the .xacro file, or run `xacro FILE > robot.urdf` first'
+            raise _error(
+                element,
+                f'the URDF has <xacro:{quote(name)[1:-1]}>, which is not expanded: load the '
+                '.xacro file, or run `xacro FILE > robot.urdf` first',
             )
     if root.tag != 'robot':
-        raise ValueError(f'a URDF starts with <robot>, this string with <{quote(root.tag)[1:-1]}>')
+        raise _error(root, f'a URDF starts with <robot>, this with <{quote(root.tag)[1:-1]}>')
     return root
 
 
@@ -240,8 +313,8 @@ def _known(root: Element) -> Mapping[str, tuple[str, ...]]:
     """Return the names that are read in the version of the format that a file states."""
     version = root.get('version', VERSIONS[0])
     if version not in VERSIONS:
-        raise ValueError(
-            f'<robot version> must be one of {", ".join(VERSIONS)}, got {quote(version)}'
+        raise _error(
+            root, f'<robot version> must be one of {", ".join(VERSIONS)}, got {quote(version)}'
         )
     if version == VERSIONS[0]:
         return KNOWN
@@ -274,22 +347,24 @@ def _unread(
     """Yield attributes and elements that are not read: place, tag of the element, and name."""
     tag, name = element.tag, element.get('name')
     place = f'{outer}<{tag}{"" if name is None else f" name={quote(name)}"}>'
-    holds = tag in HOLDS_ELEMENTS
+    holds, line = tag in HOLDS_ELEMENTS, _place(element).short
     for key in element.attrib:
         if key not in known[tag] or (holds and key in known):
-            yield f'{place} {quote(key.rpartition("}")[2])[1:-1]}=', tag, key
+            yield f'{place} {quote(key.rpartition("}")[2])[1:-1]}={line}', tag, key
     # It may hold anything, but a rotor only in its <actuator>.
     if tag == 'transmission':
         for outside in (element, *element.findall('joint')):
             for key, _ in _values(outside):
                 if key in ROTORS:
-                    yield f'{place} <{key}>', tag, key
+                    yield f'{place} <{key}>{line}', tag, key
+        if _type(element) not in TRANSMISSIONS:
+            yield f'{place} of type {quote(_type(element))}{line}', tag, 'type'
         return
     for child in element:
         if holds and child.tag in known[tag] and child.tag in known:
             yield from _unread(child, known, f'{place} ')
         else:
-            yield f'{place} <{quote(child.tag)[1:-1]}>', tag, child.tag
+            yield f'{place} <{quote(child.tag)[1:-1]}>{_place(child).short}', tag, child.tag
 
 
 def _resembles(name: str, known: tuple[str, ...]) -> bool:
@@ -307,9 +382,10 @@ def _named(root: Element, tag: str) -> dict[str, Element]:
     for element in root.findall(tag):
         name = element.get('name')
         if not name:
-            raise ValueError(f'the URDF has a <{tag}> without a name')
+            raise _error(element, f'the URDF has a <{tag}> without a name')
         if name in found:
-            raise ValueError(f'the URDF has two {tag}s named {quote(name)}')
+            first = _place(found[name]).short
+            raise _error(element, f'the URDF has two {tag}s named {quote(name)}{first}')
         found[name] = element
     return found
 
@@ -318,14 +394,14 @@ def _only(parent: Element, tag: str, label: str) -> Element | None:
     """Return the one child with a tag, or None; ValueError for two, as readers differ on them."""
     found = parent.findall(tag)
     if len(found) > 1:
-        raise ValueError(f'{label} has {len(found)} elements <{tag}>; it may have one')
+        raise _error(found[1], f'{label} has {len(found)} elements <{tag}>; it may have one')
     return found[0] if found else None
 
 
 def _number(element: Element, key: str, label: str, silent: float | None = None) -> float:
     """Return the number in an attribute; `silent` is that of an optional one."""
     text = element.get(key)
-    where = f'<{element.tag} {key}> of {label}'
+    where = f'{_place(element)}: <{element.tag} {key}> of {label}'
     if text is None:
         if silent is None:
             raise ValueError(f'{where} must be a number, got none')
@@ -344,8 +420,8 @@ def _triple(
 
 def _numbers(element: Element, key: str, label: str, count: int) -> list[float]:
     text = element.get(key, '')
-    where = f'<{element.tag} {key}> of {label}'
-    words = re.split(f'[{BLANKS}]+', text.strip(BLANKS))
+    where = f'{_place(element)}: <{element.tag} {key}> of {label}'
+    words = re.split(f'[{BLANKS}]+', text.strip(BLANKS), maxsplit=count)
     if len(words) != count:
         wanted = {3: 'three', 4: 'four'}[count]
         raise ValueError(f'{where} must be {wanted} numbers, got {quote(text)}')
@@ -359,10 +435,10 @@ def _origin(parent: Element, label: str, turned: bool) -> Origin:
     if not turned or element is None or QUATERNIONS not in element.attrib:
         return Origin(xyz, _triple(element, 'rpy', label))
     if 'rpy' in element.attrib:
-        raise ValueError(f'<origin> of {label} has rpy and {QUATERNIONS}; it may have one')
+        raise _error(element, f'<origin> of {label} has rpy and {QUATERNIONS}; it may have one')
     quaternion = _numbers(element, QUATERNIONS, label, 4)
     if not any(quaternion):
-        raise ValueError(f'<origin {QUATERNIONS}> of {label} must be four numbers, not all 0')
+        raise _error(element, f'<origin {QUATERNIONS}> of {label} must be four numbers, not all 0')
     return Origin(xyz, angles_of_quaternion(*quaternion))
 
 
@@ -372,25 +448,25 @@ def _inertial(link: Element, label: str, turned: bool) -> Inertial | None:
         return None
     mass, inertia = _only(element, 'mass', label), _only(element, 'inertia', label)
     if mass is None or inertia is None:
-        raise ValueError(f'<inertial> of {label} must have a <mass> and an <inertia>')
+        raise _error(element, f'<inertial> of {label} must have a <mass> and an <inertia>')
     elements = {key: _number(inertia, key, label) for key in INERTIA_KEYS}
     largest = max(map(abs, elements.values()))
     for key, same in OTHER_HALF.items():
         other = _number(inertia, key, label, elements[same])
         if abs(other - elements[same]) > HALVES_TOLERANCE * largest:
-            raise ValueError(
-                f'<inertia {key}> of {label} must equal {same}, {elements[same]}, got {other}'
+            raise _error(
+                inertia,
+                f'<inertia {key}> of {label} must equal {same}, {elements[same]}, got {other}',
             )
-    origin = _origin(element, label, turned)
-    return Inertial(_number(mass, 'value', label), origin, tuple(elements.values()))
+    origin, moments = _origin(element, label, turned), tuple(elements.values())
+    return Inertial(_number(mass, 'value', label), origin, moments, _place(element))
 
 
 def _joint(element: Element, name: str, turned: bool) -> Joint:
     label, kind = f'joint {quote(name)}', element.get('type', '')
     if kind not in (*JOINT_TYPES, *NOT_A_CHAIN, 'fixed'):
-        raise ValueError(
-            f'{label} has type {quote(kind)}; known types are {quote_all((*JOINT_TYPES, "fixed"))}'
-        )
+        known = quote_all((*JOINT_TYPES, 'fixed'))
+        raise _error(element, f'{label} has type {quote(kind)}; known types are {known}')
     ends = [_only(element, tag, label) for tag in ('parent', 'child')]
     parent, child = ('' if end is None else end.get('link', '') for end in ends)
     written = _only(element, 'axis', label)
@@ -398,13 +474,31 @@ def _joint(element: Element, name: str, turned: bool) -> Joint:
     # The format gives x to a joint without an <axis>; readers differ about an empty one.
     empty = written is not None and written.get('xyz') is None
     if kind in JOINT_TYPES and (empty or not any(axis)):
-        raise ValueError(f'<axis xyz> of {label} must be three numbers, not all 0')
+        raise _error(
+            element if written is None else written,
+            f'<axis xyz> of {label} must be three numbers, not all 0',
+        )
     mimic, rule = _only(element, 'mimic', label), None
     if mimic is not None:
         factors = _number(mimic, 'multiplier', label, 1.0), _number(mimic, 'offset', label, 0.0)
         rule = Mimic(mimic.get('joint', ''), *factors)
     (limits, unlimited), origin = _limits(element, kind, label), _origin(element, label, turned)
-    return Joint(name, kind, parent, child, origin, axis, limits, unlimited, rule)
+    place = _place(element)
+    return Joint(name, kind, parent, child, origin, axis, limits, unlimited, rule, place)
+
+
+def _check_mimics(joints: Mapping[str, Joint]) -> None:
+    """Refuse joints that mimic each other in a circle."""
+    done: set[str] = set()
+    for name in joints:
+        path: dict[str, Joint] = {}
+        while name in joints and name not in done and name not in path:
+            path[name] = joint = joints[name]
+            name = '' if joint.mimic is None else joint.mimic.leader
+        if name in path:
+            circle = quote_all([*path][[*path].index(name) :])
+            raise ValueError(f'{path[name].place}: <mimic> in a circle of joints: {circle}')
+        done.update(path)
 
 
 def _limits(element: Element, kind: str, label: str) -> tuple[dict[str, float], tuple[str, ...]]:
@@ -426,7 +520,10 @@ def _limits(element: Element, kind: str, label: str) -> tuple[dict[str, float], 
         found |= {key: _number(dynamics, key, label) for key in keys}
     for key in KNOWN['dynamics']:
         if found.get(key, 0.0) < 0:
-            raise ValueError(f'<{key}> of {label} must not be negative, got {found[key]}')
+            raise _error(
+                element if dynamics is None else dynamics,
+                f'<dynamics {key}> of {label} must not be negative, got {found[key]}',
+            )
     known, none = known_limits({k: x for k, x in found.items() if abs(x) != LARGEST_LIMIT})
     return known, (*missing, *none)
 
@@ -440,11 +537,18 @@ def _armature(root: Element, joints: Collection[str]) -> dict[str, float]:
             armature = _rotor(actuator, transmission, label)
             if armature is None:
                 continue
+            if _type(transmission) not in ('', SIMPLE):
+                raise _error(
+                    transmission,
+                    f'{label} has the inertia of a rotor, so its type must be {SIMPLE}, got '
+                    f'{quote(_type(transmission))}',
+                )
             moved = [joint.get('name', '') for joint in transmission.findall('joint')]
             if len(moved) != 1 or moved[0] not in joints:
-                raise ValueError(
+                raise _error(
+                    transmission,
                     f'{label} has the inertia of a rotor, so it must have one joint of the URDF, '
-                    f'got {quote(moved)}'
+                    f'got {quote(moved)}',
                 )
             # Several motors on a joint turn together.
             found[moved[0]] = found.get(moved[0], 0.0) + armature
@@ -456,24 +560,31 @@ def _rotor(actuator: Element, transmission: Element, label: str) -> float | None
     inertias = dict(_values(actuator))
     for key, ratios in ROTORS.items():
         if key in inertias:
-            inertia = number_from_text(f'{key} of {label}', inertias[key])
+            place = f'{_place(actuator)}: '
+            inertia = number_from_text(f'{place}{key} of {label}', inertias[key])
             places = actuator, transmission, *transmission.findall('joint')
             stated = {
-                number_from_text(f'{name} of {label}', text)
-                for place in places
-                for name, text in _values(place)
+                number_from_text(f'{_place(element)}: {name} of {label}', text)
+                for element in places
+                for name, text in _values(element)
                 if name in ratios
             }
             if len(stated) > 1:
                 raise ValueError(
-                    f'{label} states {len(stated)} reductions, {quote_all(sorted(stated))}; '
-                    'it may have one'
+                    f'{place}{label} states {len(stated)} reductions, '
+                    f'{quote_all(sorted(stated))}; it may have one'
                 )
             try:
                 return float(reflected_inertia([inertia], *(stated or {1.0}))[0])
             except ValueError as error:
-                raise ValueError(f'{label}: {error}') from error
+                raise ValueError(f'{place}{label}: {error}') from error
     return None
+
+
+def _type(transmission: Element) -> str:
+    """Return the type of a transmission without the package of its class."""
+    text = dict(_values(transmission)).get('type', '')
+    return re.split('[/:]', transmission.get('type', text).strip())[-1]
 
 
 def _values(element: Element) -> Iterator[tuple[str, str]]:

@@ -455,7 +455,7 @@ def test_the_puma_has_the_inertia_and_gravity_load_that_corke_prints() -> None:
     np.testing.assert_allclose(load, [0, 31.6399, 6.0351, 0, 0.0283, 0], rtol=0, atol=PRINTED)
 
 
-@pytest.mark.filterwarnings("ignore:'panda'. not read.*mu_coulomb:pfd_core.PhysicsWarning")
+@pytest.mark.filterwarnings('ignore:URDF text. not read.*mu_coulomb:pfd_core.PhysicsWarning')
 def test_the_panda_is_the_urdf_without_its_hand() -> None:
     text = example('panda_description/urdf/panda.urdf')
     arm = text[: text.index('<joint name="panda_hand_joint"')] + '</robot>'

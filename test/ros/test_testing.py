@@ -306,7 +306,9 @@ def test_limits_of_0_in_a_urdf_are_none_to_the_arm_and_its_assertions(tmp_path: 
     text = pfd.robot_to_urdf(pfd.load_robot('planar2'))
     path = tmp_path / 'arm.urdf'
     path.write_text(re.sub('(velocity|effort)="[^"]*"', r'\1="0"', text))
-    with pytest.warns(pfd.PhysicsWarning, match=r"'shoulder' \(.*effort 0\.0\), 'elbow' \("):
+    with pytest.warns(
+        pfd.PhysicsWarning, match=r"'shoulder' \(.*effort 0\.0, line \d+\), 'elbow' \("
+    ):
         arm = LockstepArm(path, gravity_compensation=True)
     found = arm.run(lambda t, q, qd: [5.0, 1.0], 0.05)
     assert found.tau[-1].tolist() == [5.0, 1.0]

@@ -48,7 +48,11 @@ setup(
         (f'share/{NAME}/launch', glob('launch/*.launch.py')),
     ],
     zip_safe=False,
-    install_requires=['numpy', 'pin', 'mcap>=1.6', 'llvmlite>=0.45', 'PyYAML', 'rosbags>=0.11.9'],
+    install_requires=[
+        *('numpy', 'pin', 'mcap>=1.6', 'llvmlite>=0.45', 'PyYAML', 'rosbags>=0.11.9'),
+        # Most vendors publish their arm as xacro.
+        'xacro>=2.1',
+    ],
     extras_require={
         # Not in install_requires: on a machine with its own ROS 2 these wheels would lie over it.
         'ros': ROS,
@@ -73,7 +77,6 @@ setup(
             'pytest-xdist',
             'ruff',
             'scipy',
-            'xacro',
         ],
     },
     entry_points={

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 import re
 import sys
+from typing import Any
 import warnings
 
 import bridge
@@ -1001,7 +1002,6 @@ def xacro_file(folder: Path, text: str) -> Path:
 def test_a_xacro_file_loads_with_its_includes_and_the_defaults_of_its_arguments(
     tmp_path: Path,
 ) -> None:
-    pytest.importorskip('xacro')
     (tmp_path / 'macros.xacro').write_text(INCLUDED, encoding='utf-8')
     path = xacro_file(tmp_path, XACRO_ARM)
     robot = pfd.load_robot(path)
@@ -1034,16 +1034,106 @@ def test_a_xacro_file_loads_with_its_includes_and_the_defaults_of_its_arguments(
 def test_a_file_that_xacro_cannot_expand_is_refused_with_its_reason(
     tmp_path: Path, inside: str, reason: str
 ) -> None:
-    pytest.importorskip('xacro')
     path = xacro_file(tmp_path, f'<robot name="r" {EXPANDING}>{inside}</robot>')
     with pytest.raises(ValueError, match=rf"xacro cannot expand '.*arm\.urdf\.xacro': .*{reason}"):
+        pfd.load_robot(path)
+
+
+PACKAGE = '<package format="3"><name> {} </name></package>'
+
+
+def checkout(folder: Path, *packages: str) -> None:
+    """Write packages whose folders do not have their names."""
+    for name in packages:
+        (folder / f'{name}_folder' / 'urdf').mkdir(parents=True)
+        (folder / f'{name}_folder' / 'package.xml').write_text(PACKAGE.format(name))
+
+
+def found_arm(folder: Path, find: str) -> Path:
+    """Return a file of package 'arm', whose included file of 'macros' includes one by `find`."""
+    macros = f'<robot {EXPANDING}><xacro:include filename="{find}/urdf/mass.xacro"/></robot>'
+    (folder / 'macros_folder/urdf/macros.xacro').write_text(macros)
+    text = XACRO_ARM.replace('"macros.xacro"', '"$(find macros)/urdf/macros.xacro"')
+    return xacro_file(folder / 'arm_folder' / 'urdf', text)
+
+
+@pytest.mark.parametrize('installed', [False, True], ids=['checkout', 'installed'])
+def test_xacro_finds_packages_installed_above_the_file_and_beside_its_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, installed: bool
+) -> None:
+    checkout(tmp_path / 'src' / 'vendor', 'arm', 'macros')
+    checkout(tmp_path / 'src' / 'other', 'masses')
+    path = found_arm(tmp_path / 'src' / 'vendor', '$(find masses)')
+    own = INCLUDED.replace('${mass}', '7')
+    (tmp_path / 'src/other/masses_folder/urdf/mass.xacro').write_text(own)
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path / 'install') if installed else '')
+    share = tmp_path / 'install' / 'share' / 'masses'
+    (share / 'urdf').mkdir(parents=True)
+    (share / 'package.xml').write_text(PACKAGE.format('masses'))
+    (share / 'urdf' / 'mass.xacro').write_text(INCLUDED)
+    assert pfd.load_robot(path).masses.tolist() == ([2.5, 1.0] if installed else [7.0, 7.0])
+
+
+def test_a_package_that_is_not_found_is_named_with_the_file_that_names_it(tmp_path: Path) -> None:
+    checkout(tmp_path, 'arm', 'macros')
+    path = found_arm(tmp_path, '$(find masses)')
+    # A folder of that name is no package, and a package.xml that is no XML no error.
+    (tmp_path / 'masses').mkdir()
+    (tmp_path / 'masses' / 'package.xml').write_text('masses')
+    inner = re.escape(str(tmp_path / 'macros_folder/urdf/macros.xacro'))
+    with pytest.raises(ValueError, match=rf"package 'masses' is not found: .*{inner}"):
+        pfd.load_robot(path)
+
+
+def test_arguments_of_a_xacro_file_replace_their_defaults(tmp_path: Path) -> None:
+    (tmp_path / 'macros.xacro').write_text(INCLUDED, encoding='utf-8')
+    path = xacro_file(tmp_path, XACRO_ARM)
+    for mass in ('4', 4, 4.0):
+        assert pfd.load_robot(path, xacro={'mass': mass}).masses.tolist() == [4.0, 1.0]
+    robot = pfd.load_robot(path, xacro={'mass': 4})
+    assert pfd.load_robot(pfd.urdf_of(path, {'mass': 4})).masses.tolist() == [4.0, 1.0]
+    assert pfd.load_robot(pfd.read_urdf(path, {'mass': 4})) == robot
+
+
+@pytest.mark.parametrize(
+    ('default', 'xacro', 'message'),
+    [
+        ('', {}, r"argument 'mass' has no value .*xacro=\{'mass': 'VALUE'\}"),
+        ('default="2"', {'mas': 1}, r"has no argument 'mas'; its arguments are 'mass:=2'"),
+        ('default="none"', {'mas': 1}, r"'mass:=none', 'mas' is none of them; give others by"),
+        ('default="2"', {'mass': None}, r"xacro\['mass'\] must be a text or a number, got None"),
+        ('default="2"', {'': 1}, 'names of arguments as keys'),
+        ('default="2"', 'mass:=1', "xacro must be a mapping, got 'mass:=1'"),
+    ],
+)
+def test_a_missing_and_an_unknown_argument_of_a_xacro_file_is_named(
+    tmp_path: Path, default: str, xacro: Any, message: str
+) -> None:
+    (tmp_path / 'macros.xacro').write_text(INCLUDED, encoding='utf-8')
+    declared = f'<xacro:arg name="mass" {default}/>' if default else ''
+    text = XACRO_ARM.replace('<xacro:arg name="mass" default="2.5"/>', declared)
+    path = xacro_file(tmp_path, text.replace('"$(arg mass)"', '"${1.0 * $(arg mass)}"'))
+    with pytest.raises(ValueError, match=message):
+        pfd.load_robot(path, xacro=xacro)
+
+
+def test_arguments_of_xacro_for_another_source_are_refused() -> None:
+    for source in ('puma560', NAMED, pfd.read_urdf(NAMED)):
+        with pytest.raises(ValueError, match=r"xacro, 'mass', are for a \.xacro file"):
+            pfd.load_robot(source, xacro={'mass': 1})
+
+
+def test_the_cause_of_an_expansion_that_fails_is_whole(tmp_path: Path) -> None:
+    name = '/'.join(['folder'] * 60)
+    inside = f'<xacro:include filename="{name}.xacro"/>'
+    path = xacro_file(tmp_path, f'<robot name="r" {EXPANDING}>{inside}</robot>')
+    with pytest.raises(ValueError, match=f'{name}.xacro'):
         pfd.load_robot(path)
 
 
 def test_time_and_length_of_an_expansion_are_bounded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pytest.importorskip('xacro')
     path = xacro_file(tmp_path, f'<robot name="${{\'a\' * 2**25}}" {EXPANDING}/>')
     with pytest.raises(ValueError, match='characters, more than the 16777216 supported'):
         pfd.load_robot(path)

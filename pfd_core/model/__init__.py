@@ -7,6 +7,8 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     yaml_files          YAML text -> dict, list and str, bounded; robots as YAML: tables from
                         papers, and robots stored exactly
     rotors              rotors behind gears: their inertia at the joint
+    packages            folders of ROS packages: installed, or by their package.xml in a checkout
+    xacro_files         the URDF of a xacro file and its arguments, expanded in another process
     urdf                URDF string -> Urdf, the one record for all readers; rotors
     urdf_robot          the chain of joints of a URDF that move, welded, as a Robot
     urdf_writer         robots as URDF

@@ -14,17 +14,15 @@ from codecs import lookup
 from collections.abc import Mapping
 import errno
 from importlib.resources import files
-from importlib.util import find_spec
 from os import PathLike, fspath
 from pathlib import Path
 import re
-import sys
 from typing import TYPE_CHECKING, Any
 
-from pfd_core.forking import load, no_fork
+from pfd_core.forking import load
 from pfd_core.model.robot import Robot, lock
 from pfd_core.model.scene import Scene, scene_from_yaml
-from pfd_core.model.values import quote
+from pfd_core.model.values import quote, quote_all
 from pfd_core.model.yaml_files import robot_from_yaml
 
 if TYPE_CHECKING:
@@ -58,20 +56,8 @@ LONGEST_DECLARATION = 200
 # Encodings of Python that no file declares: they take long, or depend on the machine.
 NOT_OF_FILES = {'idna', 'mbcs', 'oem', 'punycode', 'undefined', 'utf-7'}
 NOT_OF_FILES |= {'unicode-escape', 'raw-unicode-escape'}
+NO_XACRO = 'arguments of xacro, {}, are for a .xacro file, and the robot is none'
 URDF, XACRO, YAML = ('.urdf', '.xml'), '.xacro', ('.yaml', '.yml')
-# A xacro file is a program, which may not end: it is expanded in a process with a bound on its
-# time. The description of a UR or Panda takes 0.1 to 0.3 s.
-XACRO_SECONDS = 60.0
-XACRO_SCRIPT = """
-import sys, xacro
-try:
-    text, status = xacro.process_file(sys.argv[1]).toxml(), 0
-except Exception as error:
-    cause = getattr(error, 'exc', None) or error
-    text, status = f'{type(cause).__name__}: {error}', 1
-sys.stdout.buffer.write(text.encode('utf-8', 'backslashreplace'))
-sys.exit(status)
-"""
 
 
 def known_robots() -> list[str]:
@@ -86,6 +72,7 @@ def load_robot(
     tip: str | None = None,
     locked: Mapping[str, float] | None = None,
     right_angle: float = RIGHT_ANGLE_SLACK,
+    xacro: Mapping[str, object] | None = None,
 ) -> Robot:
     """
     Return a robot by name, from a file or from text.
@@ -94,8 +81,7 @@ def load_robot(
     ----------
     source : str, path or Urdf
         A name of `known_robots`, the path of a .urdf, .xacro or .yaml file, the text of a URDF or
-        YAML file, or the record of a URDF as `read_urdf` returns it. A .xacro file
-        needs the package xacro; its arguments have their defaults.
+        YAML file, or the record of a URDF as `read_urdf` returns it.
     base, tip : str, optional
         First and last link of the chain in a URDF; default: the root link, and the link that the
         last joint moves. The base is fixed: links above it and other branches on it are cut off.
@@ -109,6 +95,10 @@ def load_robot(
         Angles of a URDF within this distance [rad] of a multiple of 90 degrees become exact:
         1.570796325 means pi/2, and exact zeros halve the work of a kernel. The robot's
         `snapped_joints` names the joints that this changed. Negative: angles as written.
+    xacro : mapping, optional
+        Arguments of a .xacro file: name -> text or number; default: those of the file. Its
+        `$(find NAME)` is the folder of an installed package (AMENT_PREFIX_PATH), or else of the
+        package.xml with that name above the file or beside its package.
 
     Raises
     ------
@@ -130,8 +120,10 @@ def load_robot(
             raise ValueError(f'{role} must be the name of a link or None, got {quote(name)}')
     urdf: Any = source
     if isinstance(source, (str, PathLike)) or not isinstance(source, load('model.urdf.Urdf')):
-        text, origin, is_urdf = _read(source)
+        text, origin, is_urdf = _read(source, xacro)
         urdf = load('model.urdf.parse_urdf')(text, origin) if is_urdf else None
+    elif xacro:
+        raise ValueError(NO_XACRO.format(quote_all(xacro)))
     if urdf is not None:
         from_urdf: Robot = load('model.urdf_robot.robot_from_urdf')(
             urdf, base=base, tip=tip, locked=locked, right_angle=right_angle
@@ -147,24 +139,26 @@ def load_robot(
     return robot if locked is None else lock(robot, locked)
 
 
-def read_urdf(source: str | PathLike[str]) -> Urdf | None:
+def read_urdf(
+    source: str | PathLike[str], xacro: Mapping[str, object] | None = None
+) -> Urdf | None:
     """
     Parse a URDF, once for `load_robot` and for other readers of its links and joints.
 
-    The source is as for `load_robot`, and so are the errors; None if it is a robot in YAML.
+    The arguments are as for `load_robot`, and so are the errors; None if it is a robot in YAML.
     """
-    text, origin, is_urdf = _read(source)
+    text, origin, is_urdf = _read(source, xacro)
     urdf: Urdf | None = load('model.urdf.parse_urdf')(text, origin) if is_urdf else None
     return urdf
 
 
-def urdf_of(source: str | PathLike[str]) -> str:
+def urdf_of(source: str | PathLike[str], xacro: Mapping[str, object] | None = None) -> str:
     """
     Return a robot as URDF: a URDF unchanged and not checked, any other robot converted.
 
-    The source is as for `load_robot`, which reads the same robot from the URDF, to rounding.
+    The arguments are as for `load_robot`, which reads the same robot from the URDF, to rounding.
     """
-    text, origin, is_urdf = _read(source)
+    text, origin, is_urdf = _read(source, xacro)
     if not is_urdf:
         text = load('model.urdf_writer.robot_to_urdf')(robot_from_yaml(text, origin))
     return text
@@ -183,8 +177,12 @@ def load_scene(source: str | PathLike[str]) -> Scene:
     return scene_from_yaml(_text('scene', path), str(path))
 
 
-def _read(source: object) -> tuple[str, str, bool]:
+def _read(source: object, xacro: Mapping[str, object] | None) -> tuple[str, str, bool]:
     """Return the text of a robot, its origin, and whether it is URDF."""
+    if not (xacro is None or isinstance(xacro, Mapping)):
+        raise ValueError(f'xacro must be a mapping, got {quote(xacro)}')
+    if xacro and (not isinstance(source, (str, PathLike)) or Path(source).suffix != XACRO):
+        raise ValueError(NO_XACRO.format(quote_all(xacro)))
     if isinstance(source, str):
         if source.lstrip().startswith('<'):
             return source, 'URDF text', True
@@ -203,7 +201,7 @@ def _read(source: object) -> tuple[str, str, bool]:
         )
     if path.suffix == XACRO:
         _content('robot', path)
-        return _expanded(path), str(path), True
+        return load('model.xacro_files.expanded')(path, xacro or {}), str(path), True
     return _text('robot', path), str(path), path.suffix in URDF
 
 
@@ -267,38 +265,6 @@ def _content(noun: str, path: Path) -> bytes:
     except OSError as error:
         raise ValueError(f'cannot read {quote(str(path))}: {error.strerror or error}') from error
     return content
-
-
-def _expanded(path: Path) -> str:
-    """Return the URDF of a xacro file, with the defaults of its arguments; ValueError for none."""
-    with no_fork:
-        import subprocess
-
-    label = quote(str(path))
-    xacro = find_spec('xacro')
-    if xacro is None or xacro.origin is None:  # None: a folder of that name
-        raise ValueError(
-            f'{label} needs the package xacro, which is not installed: run `pip install xacro` '
-            'or `apt install ros-jazzy-xacro`'
-        )
-    try:
-        # Warnings of xacro go to stderr.
-        done = subprocess.run(
-            [sys.executable, '-c', XACRO_SCRIPT, str(path.absolute())],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            timeout=XACRO_SECONDS,
-            check=False,
-        )
-    except subprocess.TimeoutExpired as error:
-        raise ValueError(
-            f'xacro did not expand {label} within {XACRO_SECONDS:g} s; it was stopped'
-        ) from error
-    text = done.stdout.decode('utf-8')
-    if done.returncode:
-        reason = quote(text)[1:-1] or f'it ended with status {done.returncode}'
-        raise ValueError(f'xacro cannot expand {label}: {reason}')
-    return text
 
 
 def _robot_files() -> dict[str, Traversable]:

@@ -8,7 +8,7 @@ and the arm.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import re
 from typing import Any, NamedTuple
@@ -119,7 +119,8 @@ def described_robot(settings: Settings, source: str | pfd.Urdf) -> DescribedRobo
     Given positions have precedence over those of its blocks. ValueError if it cannot be loaded,
     or a block breaks a rule.
     """
-    urdf = source if isinstance(source, pfd.Urdf) else pfd.read_urdf(source)
+    xacro = xacro_arguments(settings.xacro_args)
+    urdf = source if isinstance(source, pfd.Urdf) else pfd.read_urdf(source, xacro)
     if urdf is None:
         return DescribedRobot(load_robot(settings, source), settings)
     robot = load_robot(settings, urdf)
@@ -148,6 +149,16 @@ def described_robot(settings: Settings, source: str | pfd.Urdf) -> DescribedRobo
     if locks != filled.locks:
         filled = replace(filled, locked=tuple(locks), locked_positions=tuple(locks.values()))
     return DescribedRobot(robot, filled, urdf, control.topics, taken, warnings)
+
+
+def xacro_arguments(words: Sequence[str]) -> dict[str, str]:
+    """Return the arguments of a .xacro file in name:=value; ValueError for other words."""
+    for word in words:
+        if not word.partition(':=')[1]:
+            raise ValueError(
+                f'{cut(word)!r} is no argument of a .xacro file, expected name:=value'
+            )
+    return {name: value for name, _, value in (word.partition(':=') for word in words)}
 
 
 def load_robot(settings: Settings, source: str | pfd.Urdf) -> pfd.Robot:

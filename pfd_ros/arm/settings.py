@@ -153,6 +153,9 @@ class Settings(CommandSettings, PlantSettings, DescriptionSettings, SensorSettin
     """
 
     robot: str = setting('puma560', 'A name that `pfd robots` lists, a file, or robot_description')
+    xacro_args: tuple[str, ...] = setting(
+        (), 'Arguments of a .xacro file, each name:=value; empty: those of the file'
+    )
     base_link: str = setting('', "First link of the chain; '' is the root of the model")
     tip_link: str = setting('', "Last link of the chain; '' is the only leaf of the model")
     joints: tuple[str, ...] = setting((), 'Order of the joints; empty is the order of the model')

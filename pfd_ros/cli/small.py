@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import io
+import json
 from pathlib import Path
 import sys
 
@@ -19,8 +20,10 @@ from pfd_ros.view.ports import check_page
 def _sim_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--robot', help='robot to simulate, the same as -p robot:=...')
     add_view(parser)
-    # The node reports errors in these.
-    parser.add_argument('words', nargs='*', help=argparse.SUPPRESS)
+    # The node reports errors in others.
+    parser.add_argument(
+        'words', nargs='*', metavar='NAME:=VALUE', help='arguments of the .xacro file of --robot'
+    )
 
 
 def _sim(given: argparse.Namespace) -> int:
@@ -33,8 +36,13 @@ def _sim(given: argparse.Namespace) -> int:
 
         check_page(given.port)
         view = ViewProcess(given.port)
-    robot = [] if given.robot is None else ['--ros-args', '-p', f'robot:={given.robot}', '--']
-    return node.main([*given.words, *robot, *given.ros_args], given.stop, view)
+    words, ros = given.words, []
+    if given.robot is not None:
+        xacro = [word for word in words if ':=' in word]
+        words = [word for word in words if ':=' not in word]
+        ros = ['--ros-args', '-p', f'robot:={given.robot}']
+        ros += ['-p', f'xacro_args:={json.dumps(xacro)}', '--'] if xacro else ['--']
+    return node.main([*words, *ros, *given.ros_args], given.stop, view)
 
 
 def _demo_arguments(parser: argparse.ArgumentParser) -> None:
@@ -67,13 +75,15 @@ def _urdf_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         'robot', help='a robot that `pfd robots` lists, or a .urdf, .xacro or .yaml file'
     )
+    parser.add_argument('words', nargs='*', metavar='NAME:=VALUE', help='arguments of a .xacro')
     parser.add_argument('--out', type=Path, metavar='FILE', help='file to write instead of stdout')
 
 
 def _urdf(given: argparse.Namespace) -> int:
     import pfd_core as pfd
+    from pfd_ros.arm.description import xacro_arguments
 
-    text = pfd.urdf_of(given.robot)
+    text = pfd.urdf_of(given.robot, xacro_arguments(given.words))
     if given.out is None:
         if sys.stdout is None:
             raise OSError('no standard output; use --out')

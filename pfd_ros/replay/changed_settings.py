@@ -32,7 +32,7 @@ from pfd_ros.replay.inputs import published_names
 from pfd_ros.text import cut, did_you_mean, listed
 
 # Settings that only a robot read from a file or a name has.
-MODEL = ('base_link', 'tip_link', 'locked', 'locked_positions', 'ros2_control')
+MODEL = ('base_link', 'tip_link', 'locked', 'locked_positions', 'ros2_control', 'xacro_args')
 _PER_JOINT = tuple(row.field for row in PER_JOINT)
 # Settings whose values need no quotes.
 TEXTS = {row.name for row in FIELDS if row.type in ('str', 'tuple[str, ...]')}

@@ -1,0 +1,178 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The URDF of a xacro file, by the package xacro.
+
+A xacro file is a program, which may not end: it is expanded in another process with a bound on its
+time. There `$(find NAME)` asks this project for the folder of a package, since the index that
+xacro asks exists only where ROS is installed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+import json
+from pathlib import Path
+import sys
+from types import ModuleType
+from typing import Any
+
+from pfd_core.forking import no_fork
+from pfd_core.model.packages import find_package
+from pfd_core.model.values import quote, quote_all
+
+# The description of a UR or Panda takes 0.3 to 0.5 s.
+XACRO_SECONDS = 60.0
+# The other process imports from where this one does.
+SCRIPT = """
+import json, sys
+sys.path[:] = json.loads(sys.argv[1])
+from pfd_core.model.xacro_files import answer
+answer(*sys.argv[2:])
+"""
+GIVE = "give others by xacro={'NAME': VALUE}, or `pfd sim --robot FILE NAME:=VALUE`"
+# Characters of a reason, and of an argument with its value in a list of them.
+LONGEST_REASON, LONGEST_ARGUMENT = 2000, 32
+
+
+def expanded(path: Path, arguments: Mapping[str, object]) -> str:
+    """Return the URDF of a xacro file and its arguments; ValueError if there is none."""
+    with no_fork:
+        from importlib.util import find_spec
+        import subprocess
+
+    label = quote(str(path))
+    given = {name: _text(name, value) for name, value in arguments.items()}
+    xacro = find_spec('xacro')
+    if xacro is None or xacro.origin is None:  # None: a folder of that name
+        raise ValueError(
+            f'{label} needs the package xacro, which is not installed: run `pip install xacro` '
+            'or `apt install ros-jazzy-xacro`'
+        )
+    words = [json.dumps([*map(str, sys.path)]), str(path.absolute()), json.dumps(given)]
+    try:
+        # Warnings of xacro go to stderr.
+        done = subprocess.run(
+            [sys.executable, '-c', SCRIPT, *words],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            timeout=XACRO_SECONDS,
+            check=False,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise ValueError(
+            f'xacro did not expand {label} within {XACRO_SECONDS:g} s; it was stopped'
+        ) from error
+    if done.returncode:
+        raise ValueError(f'xacro cannot expand {label}: it ended with status {done.returncode}')
+    result = json.loads(done.stdout)
+    known, reason = result['known'], result['reason']
+    unknown = [name for name in given if name not in known]
+    if reason:
+        reason = repr(' '.join(reason.split()))[1:-1][:LONGEST_REASON]
+        if known and result['of_arguments']:
+            reason += f'; its arguments are {_listed(known)}'
+            reason += f', {quote_all(unknown)} is none of them' if unknown else ''
+            reason += f'; {GIVE}'
+        raise ValueError(f'xacro cannot expand {label}: {reason}')
+    if unknown:
+        has = f'its arguments are {_listed(known)}' if known else 'it has none'
+        raise ValueError(f'{label} has no argument {quote_all(unknown)}; {has}')
+    text: str = result['text']
+    return text
+
+
+def _text(name: object, value: object) -> str:
+    """Return the value of an argument as `name:=value` has it."""
+    if not isinstance(name, str) or not name:
+        raise ValueError(f'xacro must have names of arguments as keys, got {quote(name)}')
+    if not isinstance(value, (str, int, float)):
+        raise ValueError(f'xacro[{quote(name)}] must be a text or a number, got {quote(value)}')
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _listed(known: Mapping[str, str | None]) -> str:
+    """Return arguments, those without a value first, with values that are short."""
+    written = {name: f'{name}:={value or ""}' for name, value in known.items()}
+    names = sorted(known, key=lambda name: bool(known[name]))
+    return quote_all(
+        name if len(written[name]) > LONGEST_ARGUMENT else written[name] for name in names
+    )
+
+
+class PackageError(Exception):
+    """No folder of a package is found."""
+
+
+class _Arguments(dict[str, str]):
+    """The arguments of an expansion, and those that the file declares or reads, with defaults."""
+
+    def __init__(self, given: Mapping[str, str]) -> None:
+        super().__init__(given)
+        self.known: dict[str, str | None] = {}
+
+    def __contains__(self, name: object) -> bool:
+        self.known.setdefault(str(name))
+        return super().__contains__(name)
+
+    def __getitem__(self, name: str) -> str:
+        self.known.setdefault(name)
+        return super().__getitem__(name)
+
+
+def answer(path: str, given: str) -> None:
+    """Expand a file in this process, which ends after it, and write the result as JSON."""
+    xacro: Any = import_module('xacro')
+    no_value: Any = import_module('xacro.substitution_args').ArgException
+
+    def find(name: str) -> str:
+        # Files that are being read, the innermost first, then all others that were included.
+        files = dict.fromkeys([*reversed(xacro.filestack), *xacro.all_includes, path])
+        for file in files:
+            found = find_package(name, Path(file).parent)
+            if found is not None:
+                return str(found)
+        raise PackageError(
+            f'package {quote(name)} is not found: AMENT_PREFIX_PATH does not have it, and no '
+            f'package.xml above {quote(xacro.filestack[-1])} or beside its package states that '
+            'name; put it beside that package'
+        )
+
+    index = ModuleType('ament_index_python.packages')
+    index.get_package_share_directory = find  # type: ignore[attr-defined]
+    sys.modules['ament_index_python'] = ModuleType('ament_index_python')
+    sys.modules[index.__name__] = index
+    arguments = _Arguments(json.loads(given))
+    text, reason, of_arguments = '', '', True
+    try:
+        xacro.init_stacks(path)
+        for node in xacro.parse(None, path).getElementsByTagName('xacro:arg'):
+            arguments.known[node.getAttribute('name')] = node.getAttribute('default')
+        text = xacro.process_file(path, mappings=arguments).toxml()
+    except Exception as error:  # whatever the file provokes
+        reason, cause = _reason(error), error
+        while getattr(cause, 'exc', None) is not None:
+            cause = cause.exc  # type: ignore[attr-defined]
+        of_arguments = not isinstance(cause, (PackageError, no_value))
+        if isinstance(cause, no_value):
+            name, default = str(cause), arguments.known.get(str(cause)) or 'VALUE'
+            reason = (
+                f'argument {quote(name)} has no value where it is read; give it by '
+                f'xacro={{{name!r}: {default!r}}}, or `pfd sim --robot FILE {name}:={default}`'
+            )
+        if xacro.filestack and xacro.filestack[-1] != path:
+            reason += f' (in {xacro.filestack[-1]})'
+    known = {name: arguments.get(name, default) for name, default in arguments.known.items()}
+    result = {'text': text, 'reason': reason, 'known': known, 'of_arguments': of_arguments}
+    sys.stdout.write(json.dumps(result))
+
+
+def _reason(error: Exception) -> str:
+    """Return an error's text; xacro writes that of a cause twice where it adds nothing to it."""
+    cause = getattr(error, 'exc', None)
+    again = f'{type(cause)}: {cause}', f'{getattr(cause, "strerror", "")}: '
+    if cause is not None and str(error.args[0]).startswith(again):
+        return _reason(cause)
+    kind = type(cause or error)
+    return str(error) if kind is PackageError else f'{kind.__name__}: {error}'

@@ -593,7 +593,10 @@ def test_a_file_is_read_in_the_encoding_that_it_declares(
     [
         ('utf-8', r"arm\.urdf', line 2: 'utf-8' codec can't decode byte 0xe0"),
         ('GB2312', r"arm\.urdf', line 2: 'gb2312' codec can't decode"),
-        *((name, f'unknown encoding: {name}') for name in ('klingon', 'punycode', 'utf-7')),
+        *(
+            (name, f', line 1: unknown encoding: {name}')
+            for name in ('klingon', 'punycode', 'utf-7')
+        ),
         ('base64', "'base64' is not a text encoding"),
     ],
 )
@@ -685,6 +688,13 @@ def test_an_error_about_an_element_starts_with_its_file_and_line(
         with pytest.raises(ValueError, match=f'^{place}, line {number}: .*{words}') as caught:
             pfd.load_robot(source)
         assert '\n' not in str(caught.value)
+
+
+def test_an_error_in_an_expanded_xacro_starts_with_its_file_alone(tmp_path: Path) -> None:
+    path = tmp_path / 'arm.xacro'
+    path.write_text(LINED.replace('<mass value="1"/>', '<mass value="1,5"/>'))
+    with pytest.raises(ValueError, match=f"^{re.escape(str(path))}: <mass value> of link 'arm'"):
+        pfd.load_robot(path)
 
 
 def test_a_circle_of_mimics_is_named_wherever_it_is() -> None:

@@ -224,11 +224,11 @@ def _text(noun: str, path: Path) -> str:
     content = _content(noun, path)
     try:
         return _decoded(content)
-    except UnicodeDecodeError as error:
-        line = 1 + content.count(b'\n', 0, error.start)
+    except (UnicodeDecodeError, LookupError) as error:
+        # An unknown encoding is declared in the first line.
+        at = error.start if isinstance(error, UnicodeDecodeError) else 0
+        line = 1 + content.count(b'\n', 0, at)
         raise ValueError(f'cannot read {quote(str(path))}, line {line}: {error}') from error
-    except LookupError as error:
-        raise ValueError(f'cannot read {quote(str(path))}: {error}') from error
 
 
 def _decoded(content: bytes) -> str:

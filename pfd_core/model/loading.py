@@ -104,7 +104,7 @@ def load_robot(
     ------
     ValueError
         If there is no such robot or file, it cannot be read, or it is not one serial chain of
-        revolute, continuous and prismatic joints; the text names the joint or link.
+        revolute, continuous and prismatic joints; the text names the joint or link, file and line.
 
     Warns
     -----

@@ -22,8 +22,8 @@ import yaml
 from pfd_ros.arm.settings import FIELDS
 from pfd_ros.testing.domains import environment_to_kill
 
-# On Linux the kernel ends the process if the thread that started it is gone (PR_SET_PDEATHSIG), so
-# that a killed test runner leaves nothing behind; exec keeps that (prctl(2)). It also keeps signals
+# On Linux the kernel ends the process if the thread that started it is gone (PR_SET_PDEATHSIG):
+# a killed test runner leaves nothing behind; exec keeps that (prctl(2)). It also keeps signals
 # ignored, as a shell ignores SIGINT of what it starts in the background: these end the process.
 START = f"""
 import ctypes, os, signal, sys

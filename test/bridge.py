@@ -104,7 +104,7 @@ NAMES = {
     'PCRBM_STEP_6': 'pfd_core.paper.editions:STEP_6',
     'record_pcrbm_1987': 'pfd_core.paper.composite:record_pcrbm_1987',
     'PCRBM_ARRAY_SECTION': 'pfd_core.paper.array:SECTION',
-    'record_literal_cholesky': 'pfd_core.paper.set_ordering:record_literal_cholesky',
+    'literal_factor': 'pfd_core.paper.set_ordering:literal_factor',
     'set_ordering': 'pfd_core.paper.set_ordering:set_ordering',
     'record_inverse_dynamics': 'pfd_core.paper.newton_euler:record_inverse_dynamics',
     'record_terms': 'pfd_core.paper.composite:record_terms',

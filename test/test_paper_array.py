@@ -11,6 +11,7 @@ from typing import Any
 
 from bridge import (
     MACHINE_SCHEDULES,
+    Recorder,
     SystolicArray,
     SystolicLink,
     SystolicLinkError,
@@ -19,7 +20,7 @@ from bridge import (
     array_pipeline,
     array_solve,
     literal_array,
-    record_literal_cholesky,
+    literal_factor,
     run_program,
     set_ordering,
 )
@@ -169,7 +170,7 @@ def test_the_printed_array_takes_3n_minus_1_cycles_for_equations_11_and_12(n: in
     mild = np.eye(n) + (H - np.diag(np.diag(H))) / (64.0 * n * abs(H).max())
     for matrix in (H, mild):
         found = literal_array(matrix)
-        equations = run_program(record_literal_cholesky(n, 'parallel'), {'H': matrix.ravel()})
+        equations = run_program(equations_11_and_12(n, 'parallel'), {'H': matrix.ravel()})
         np.testing.assert_array_equal(found.L, equations['L'])
         assert found.trace.cycles == 3 * n - 1
     # The bound of Cholesky's backward error.
@@ -307,10 +308,22 @@ def test_the_procedure_takes_a_third_of_the_additions_that_the_paper_prints(n: i
     assert last == {(k, i): [f'a_{k}{i}^({i - 1},0)'] for k, i in last}
 
 
+def equations_11_and_12(n: int, schedule: str) -> pfd.Program:
+    """Return the program of L, (n, n), and its radicands, (n,), from the lower triangle of `H`."""
+    recorder = Recorder(n, schedule)
+    lower = [[k * n + i if k >= i else None for k in range(n)] for i in range(n)]
+    columns, diagonal, radicands = literal_factor([recorder.input('H', at) for at in lower])
+    zero = recorder.constant(0.0)
+    rows = [[*columns[:k], diagonal, *[zero] * (n - 1 - k)] for k in range(n)]
+    recorder.output('L', (n, n), [(x, k) for k, row in enumerate(rows) for x in row])
+    recorder.output('radicands', (n,), [(radicands, lane) for lane in range(n)])
+    return recorder.program()
+
+
 @pytest.mark.parametrize('n', EVERY_SIZE)
 def test_the_literal_factorisation_takes_the_steps_of_its_parts(n: int) -> None:
     # The paper: ceil((n^2-1)/6), ceil((n^2-1)/2), ceil((n-1)/2) and one.
-    steps = record_literal_cholesky(n, 'parallel').count()
+    steps = equations_11_and_12(n, 'parallel').count()
     level = math.ceil((n * n - 1) / 6)
     assert (steps.multiplications, steps.additions) == (level, level)
     assert (steps.divisions, steps.square_roots) == (math.ceil((n - 1) / 2), 1)
@@ -335,7 +348,7 @@ def printed(H: np.ndarray) -> np.ndarray:
 def test_the_program_is_equations_11_and_12(n: int, schedule: str) -> None:
     A = np.random.default_rng(n).normal(size=(n, n))
     H = A @ A.T + 0.1 * np.eye(n)
-    result = run_program(record_literal_cholesky(n, schedule), {'H': H.ravel()})
+    result = run_program(equations_11_and_12(n, schedule), {'H': H.ravel()})
     np.testing.assert_array_equal(result['L'], printed(H))
     below = np.array([H[k, k] - H[k, :k] @ H[k, :k] for k in range(n)])
     # Of sums of up to 11 products of the order of n^2, in another order.
@@ -346,7 +359,7 @@ def test_the_program_is_equations_11_and_12(n: int, schedule: str) -> None:
 def test_inertia_matrices_of_real_arms_come_out_wrong_or_not_at_all(name: str) -> None:
     robot = pfd.load_robot(name)
     inertia_matrix = pfd.compile_kernel(robot, quantity='inertia_matrix')
-    program = record_literal_cholesky(robot.n, 'parallel')
+    program = equations_11_and_12(robot.n, 'parallel')
     for q in np.random.default_rng(2).uniform(-3.0, 3.0, (20, robot.n)):
         H = inertia_matrix(q)
         L = run_program(program, {'H': H.ravel()})['L']
@@ -356,7 +369,7 @@ def test_inertia_matrices_of_real_arms_come_out_wrong_or_not_at_all(name: str) -
 
 @pytest.mark.parametrize('n', [2, 4, 6])
 def test_the_program_does_the_additions_of_set_ordering(n: int) -> None:
-    program = record_literal_cholesky(n, 'parallel')
+    program = equations_11_and_12(n, 'parallel')
     added = [
         one.active.bit_count()
         for one in program.instructions

@@ -65,7 +65,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 import math
-from operator import mul
+from operator import add, mul, sub
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -317,12 +317,12 @@ def _joined(one: Pieces, step: Step) -> Pieces:
             K[i, i] = D[i] + K[i, i]
         pivots, L, share = _eliminated(K, np.hstack([MB.T, on(B.T, after)]) if after else MB.T)
         felt = array([M[i, j] for i, j in upper(m)])
-        felt = symmetric_matrix(_symmetric(L[:, :m].T, share[:, :m], felt, _minus))
+        felt = symmetric_matrix(_symmetric(L[:, :m].T, share[:, :m], felt, sub))
         J = _symmetric(_product(A.T, felt), A, one.J)
         if not after:
             return one._replace(J=_merged(J, one.J))
         carried, B = _product(share[:, :m], on(A, after)), L[:, m:].T
-        TA = _product(B, carried, on(A, after), _minus)
+        TA = _product(B, carried, on(A, after), sub)
     else:
         C = symmetric_matrix(one.C)
         K = _product(C, M)
@@ -360,31 +360,23 @@ def _widened(new: LaneArray, old: LaneArray, fill: float) -> LaneArray:
 # Small matrices, whose elements are laid on idle lanes where the recorder packs.
 
 
-def _plus(x: LaneArray, y: LaneArray, to: Any = 0.0) -> Any:
-    return to + x @ y
-
-
-def _minus(x: LaneArray, y: LaneArray, to: Any) -> Any:
-    return to - x @ y
-
-
 def _product(
-    X: LaneArray, Y: LaneArray, to: LaneArray | None = None, sign: Callable[..., Any] = _plus
+    X: LaneArray, Y: LaneArray, to: LaneArray | None = None, sign: Callable[..., Any] = add
 ) -> LaneArray:
     """Return X Y, to + X Y or to - X Y."""
     places = np.ndindex(len(X), Y.shape[1])
     rows = [(X[i], Y[:, j], *(() if to is None else (to[i, j],))) for i, j in places]
-    return array(packed(sign, rows)).reshape(len(X), Y.shape[1])
+    return array(packed(lambda x, y, to=0.0: sign(to, x @ y), rows)).reshape(len(X), Y.shape[1])
 
 
 def _symmetric(
-    X: LaneArray, Y: LaneArray, to: LaneArray | None = None, sign: Callable[..., Any] = _plus
+    X: LaneArray, Y: LaneArray, to: LaneArray | None = None, sign: Callable[..., Any] = add
 ) -> LaneArray:
     """Return the different elements of the same where it is symmetric; `to` are such elements."""
     rows: list[tuple[Any, ...]] = [(X[i], Y[:, j]) for i, j in upper(len(X))]
     if to is not None:
         rows = [(*row, x) for row, x in zip(rows, to, strict=True)]
-    return array(packed(sign, rows))
+    return array(packed(lambda x, y, to=0.0: sign(to, x @ y), rows))
 
 
 def _eliminated(K: LaneArray, right: LaneArray) -> tuple[LaneArray, LaneArray, LaneArray]:

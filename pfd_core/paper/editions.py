@@ -44,14 +44,13 @@ MISPRINTS = (
     Misprint(STEP_16, PCGM, 'back to step 5, which repeats the inner product of step 12'),
 )
 # The misprints of each procedure, as it is printed and with Appendix A.
-AS_PRINTED = {
-    procedure: tuple(x.name for x in MISPRINTS if x.procedure == procedure and not x.appendix)
-    for procedure in (PCRBM, PCGM)
-}
-OF_PROCEDURE = {
-    procedure: tuple(x.name for x in MISPRINTS if x.procedure == procedure)
-    for procedure in (PCRBM, PCGM)
-}
+AS_PRINTED, OF_PROCEDURE = (
+    {
+        procedure: tuple(x.name for x in MISPRINTS if x.procedure == procedure and x.appendix <= a)
+        for procedure in (PCRBM, PCGM)
+    }
+    for a in (False, True)
+)
 
 
 @dataclass(frozen=True)

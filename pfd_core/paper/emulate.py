@@ -89,18 +89,15 @@ class Run:
     def __getstate__(self) -> dict[str, Any]:
         if self.qdd.dtype != object:
             return self.__dict__
-        return self.__dict__ | {'qdd': (self.qdd.shape, [x._mpf_ for x in self.qdd.flat])}
+        return self.__dict__ | {'qdd': np.frompyfunc(lambda x: x._mpf_, 1, 1)(self.qdd)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        if isinstance(self.qdd, tuple):
+        if self.qdd.dtype == object:
             with no_fork:
                 import mpmath
 
-            shape, parts = self.qdd
-            qdd = np.empty(len(parts), dtype=object)
-            qdd[:] = [mpmath.make_mpf(part) for part in parts]
-            self.__dict__['qdd'] = qdd.reshape(shape)
+            self.__dict__['qdd'] = np.frompyfunc(mpmath.make_mpf, 1, 1)(self.qdd)
 
 
 def emulate(

@@ -31,8 +31,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from pfd_core.machine.lanes import sqrt
-from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.machine.recorder import Lanes
 from pfd_core.paper.lanes import Board, gather
 
 Index = tuple[int, int]  # (k, i) of S_ki, counted from 1 as in the paper
@@ -79,38 +78,12 @@ def set_ordering(n: int) -> tuple[State, ...]:
     return tuple(states)
 
 
-def record_literal_cholesky(n: int, schedule: str) -> Program:
-    """
-    Return the program of equations (11) and (12), in the order of Procedure Set-Ordering.
-
-    From `H`, (n n,), whose lower triangle is read: `L`, (n, n), and `radicands` of roots, (n,).
-    """
-    recorder = Recorder(n, schedule)
-    rows = [
-        recorder.input('H', [k * n + i if k >= i else None for k in range(n)]) for i in range(n)
-    ]
-    L, radicands = _equations(rows)
-    zero = (recorder.constant(0.0), 0)
-    indices = [(k, i) for k in range(1, n + 1) for i in range(1, n + 1)]
-    recorder.output('L', (n, n), [L.at.get(index, zero) for index in indices])
-    recorder.output('radicands', (n,), [(radicands, lane) for lane in range(n)])
-    return recorder.program()
-
-
 def literal_factor(rows: Sequence[Lanes]) -> tuple[list[Lanes], Lanes, Lanes]:
     """
     Return the columns of L below the diagonal, the diagonal and the radicands, as printed.
 
     Row i of H holds h_ij on lane j for j >= i, and column j of L l_kj on lane k.
     """
-    n = len(rows)
-    L, radicands = _equations(rows)
-    columns = [L.row({k: (k + 1, j + 1) for k in range(j + 1, n)}) for j in range(n - 1)]
-    return columns, L.at[1, 1][0], radicands
-
-
-def _equations(rows: Sequence[Lanes]) -> tuple[Board, Lanes]:
-    """Return the elements (k, i) of L, counted from 1, and the radicands, l_kk on lane k - 1."""
     recorder, n = rows[0].recorder, len(rows)
     H, sums, L = Board(), Board(), Board()
     for i, row in enumerate(rows, 1):
@@ -134,7 +107,8 @@ def _equations(rows: Sequence[Lanes]) -> tuple[Board, Lanes]:
             chunk = dict(enumerate(below[start : start + n]))
             divisors = H.row({lane: (i, i) for lane, (_, i) in chunk.items()})
             L.put(_so_far(H, sums, chunk) / divisors, chunk)
-    return L, radicands
+    columns = [L.row({k: (k + 1, j + 1) for k in range(j + 1, n)}) for j in range(n - 1)]
+    return columns, L.at[1, 1][0], radicands
 
 
 def _so_far(H: Board, sums: Board, indices: Mapping[int, Index]) -> Lanes:

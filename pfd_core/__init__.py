@@ -62,6 +62,7 @@ if TYPE_CHECKING:
         load_robot,
         load_scene,
         lock,
+        locked_joints,
         read_urdf,
         reflected_inertia,
         robot_to_yaml,
@@ -123,6 +124,7 @@ __all__ = [
     'load_robot',
     'load_scene',
     'lock',
+    'locked_joints',
     'read_urdf',
     'reflected_inertia',
     'robot_to_urdf',
@@ -142,8 +144,8 @@ _NAMES = {
     'machine.program': 'Program Steps',
     'model': (
         'EFFECTS Payload PhysicsWarning Robot Scene estimated_armature known_robots '
-        'load_robot load_scene lock read_urdf reflected_inertia robot_to_yaml scene_to_yaml '
-        'urdf_of with_payload'
+        'load_robot load_scene lock locked_joints read_urdf reflected_inertia robot_to_yaml '
+        'scene_to_yaml urdf_of with_payload'
     ),
     'model.urdf_robot': 'TreeError',
     'model.urdf': 'Urdf',

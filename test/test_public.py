@@ -57,6 +57,7 @@ VALID: dict[str, dict[str, Any]] = {
     'load_robot': {'source': 'planar2'},
     'load_scene': {'source': 'gravity: [0, 0, -9.81]\n'},
     'lock': {'robot': ROBOT, 'positions': {'shoulder': 0.0}},
+    'locked_joints': {'source': 'planar2'},
     'read_urdf': {'source': 'planar2'},
     'reflected_inertia': {'rotor_inertia': [1.0], 'gear_ratio': [2.0]},
     'robot_to_urdf': {'robot': ROBOT},

@@ -30,7 +30,14 @@ An effect of the motors has its torque in pfd_core.dynamics.drives as well.
 """
 
 from pfd_core.model.effects import EFFECTS, Effect
-from pfd_core.model.loading import known_robots, load_robot, load_scene, read_urdf, urdf_of
+from pfd_core.model.loading import (
+    known_robots,
+    load_robot,
+    load_scene,
+    locked_joints,
+    read_urdf,
+    urdf_of,
+)
 from pfd_core.model.plant import (
     INSTANT,
     Plant,
@@ -63,6 +70,7 @@ __all__ = [
     'load_robot',
     'load_scene',
     'lock',
+    'locked_joints',
     'read_urdf',
     'reflected_inertia',
     'resolve',

@@ -20,7 +20,7 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from pfd_core.forking import load
-from pfd_core.model.robot import Robot, lock
+from pfd_core.model.robot import Robot, lock, locked_positions
 from pfd_core.model.scene import Scene, scene_from_yaml
 from pfd_core.model.values import quote, quote_all
 from pfd_core.model.yaml_files import robot_from_yaml
@@ -86,11 +86,11 @@ def load_robot(
         First and last link of the chain in a URDF; default: the root link, and the link that the
         last joint moves. The base is fixed: links above it and other branches on it are cut off.
         Gravity stays in axes of the root; joints between root and base are at 0 or locked.
-        Branches on a moving link keep their mass, also beyond the tip, but their joints must be
-        locked.
+        Branches on a moving link keep their mass, also beyond the tip; their joints are locked,
+        next to 0 within their limits, and a warning names them.
     locked : mapping, optional
-        Name of a joint -> position [rad, m] at which it becomes a fixed joint, and with it the
-        joints of a URDF that mimic it.
+        Name of a joint, or a pattern such as 'hand_*' -> position [rad, m] at which it becomes a
+        fixed joint, and with it the joints of a URDF that mimic it.
     right_angle : float
         Angles of a URDF within this distance [rad] of a multiple of 90 degrees become exact:
         1.570796325 means pi/2, and exact zeros halve the work of a kernel. The robot's
@@ -115,9 +115,7 @@ def load_robot(
         negative, or a lower end lies above the upper one.
 
     """
-    for role, name in (('base', base), ('tip', tip)):
-        if name is not None and not isinstance(name, str):
-            raise ValueError(f'{role} must be the name of a link or None, got {quote(name)}')
+    _check_ends(base, tip)
     urdf: Any = source
     if isinstance(source, (str, PathLike)) or not isinstance(source, load('model.urdf.Urdf')):
         text, origin, is_urdf = _read(source, xacro)
@@ -137,6 +135,39 @@ def load_robot(
                 f'holds one chain, from {quote(robot.base)} to {quote(robot.tip)}'
             )
     return robot if locked is None else lock(robot, locked)
+
+
+def locked_joints(
+    source: str | PathLike[str] | Urdf,
+    *,
+    base: str | None = None,
+    tip: str | None = None,
+    locked: Mapping[str, float] | None = None,
+    xacro: Mapping[str, object] | None = None,
+) -> dict[str, float]:
+    """
+    Return the positions [rad, m] of the joints that `load_robot` locks, by name, for tools.
+
+    They are those that `locked` names or matches, those that mimic these, and those that do not
+    move the tip. Arguments and errors are as for `load_robot`.
+    """
+    _check_ends(base, tip)
+    urdf: Any = source
+    if isinstance(source, (str, PathLike)) or not isinstance(source, load('model.urdf.Urdf')):
+        urdf = read_urdf(urdf, xacro)
+    elif xacro:
+        raise ValueError(NO_XACRO.format(quote_all(xacro)))
+    if urdf is None:
+        robot = load_robot(source, base=base, tip=tip)
+        return locked_positions({} if locked is None else locked, robot.joint_names)
+    given = load('model.urdf_robot.lockable')(urdf, locked)
+    return dict(load('model.urdf_robot.find_chain')(urdf, base, tip, given).locked)
+
+
+def _check_ends(base: object, tip: object) -> None:
+    for role, name in (('base', base), ('tip', tip)):
+        if name is not None and not isinstance(name, str):
+            raise ValueError(f'{role} must be the name of a link or None, got {quote(name)}')
 
 
 def read_urdf(

@@ -13,9 +13,10 @@ the frame of the tip link. At joint position q_i, the pose of frame i in frame i
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
+from fnmatch import fnmatchcase
 from functools import partial
 import hashlib
 from itertools import chain
@@ -517,11 +518,12 @@ def lock(robot: Robot, positions: Mapping[str, float]) -> Robot:
     """
     Return the robot with some joints fixed and the links on either side of them welded.
 
-    `positions` maps the name of each joint to lock to its position [rad, m]. ValueError if a joint
-    is unknown, a position is no finite number within the limits, or no joint would move.
+    `positions` maps names of joints to lock, or patterns such as 'hand_*', to positions [rad, m].
+    ValueError if a joint is unknown, a position is no finite number within the limits, or no
+    joint would move.
     """
     check_robot(robot)
-    at = locked_positions(positions)
+    at = locked_positions(positions, robot.joint_names)
     for name, position in at.items():
         if name not in robot.joint_names:
             raise ValueError(
@@ -540,14 +542,30 @@ def lock(robot: Robot, positions: Mapping[str, float]) -> Robot:
     return robot
 
 
-def locked_positions(positions: Mapping[str, float]) -> dict[str, float]:
-    """Return the positions [rad, m] of locked joints as floats, by the name of the joint."""
+def locked_positions(positions: Mapping[str, float], names: Collection[str]) -> dict[str, float]:
+    """
+    Return the positions [rad, m] of locked joints as floats, by the name of the joint.
+
+    A key that is not in `names` and has *, ? or [ is a pattern, of all names that match it; names
+    have precedence over patterns, and these over later ones. ValueError for one without a match.
+    """
     if not isinstance(positions, Mapping):
         raise ValueError(f'locked must map names of joints to positions, got {quote(positions)}')
-    return {
+    given = {
         name: real_number(f'position at which joint {quote(name)} is locked', x, largest=LARGEST)
         for name, x in positions.items()
     }
+    patterns = [k for k in given if isinstance(k, str) and k not in names and set(k) & set('*?[')]
+    found = {name: x for name, x in given.items() if name not in patterns}
+    for pattern in patterns:
+        matched = [name for name in names if fnmatchcase(name, pattern)]
+        if not matched:
+            raise ValueError(
+                f'cannot lock {quote(pattern)}: it matches no joint; joints that can be locked: '
+                f'{quote_all(names)}'
+            )
+        found |= {name: given[pattern] for name in matched if name not in found}
+    return found
 
 
 def check_locked_position(name: str, position: float, lower: float, upper: float) -> None:

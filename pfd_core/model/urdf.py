@@ -122,6 +122,10 @@ class Mimic(NamedTuple):
     multiplier: float
     offset: float
 
+    def at(self, position: float) -> float:
+        """Return the position [rad, m] for one of the leader."""
+        return self.multiplier * position + self.offset
+
 
 class Joint(NamedTuple):
     """
@@ -185,15 +189,21 @@ class Urdf:
         """
         Return the positions [rad, m] of locked joints and of the joints that mimic them.
 
-        A given position has precedence over a mimic. ValueError if it is no mapping of names to
-        numbers.
+        Names may be patterns, as in `load_robot`. A given position has precedence over a mimic,
+        and that over a pattern. ValueError if it is no mapping of names to numbers.
         """
-        found = locked_positions(locked)
-        movable = (joint for joint in self.joints.values() if joint.kind in JOINT_TYPES)
-        rules = {joint.name: joint.mimic for joint in movable if joint.mimic is not None}
+        movable = {name: j for name, j in self.joints.items() if j.kind in JOINT_TYPES}
+        rules = {name: j.mimic for name, j in movable.items() if j.mimic is not None}
+        every = locked_positions(locked, movable)
+        # A pattern that matches a joint and its leader is no position of the follower.
+        found = {
+            name: position
+            for name, position in every.items()
+            if name in locked or name not in rules or rules[name].leader not in every
+        }
         while True:
             followers = {
-                name: rule.multiplier * found[rule.leader] + rule.offset
+                name: rule.at(found[rule.leader])
                 for name, rule in rules.items()
                 if name not in found and rule.leader in found
             }

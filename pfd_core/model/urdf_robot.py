@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 import math
+from types import MappingProxyType
 from typing import NamedTuple
 import warnings
 
@@ -41,7 +42,6 @@ from pfd_core.model.robot import (
     check_locked_position,
     from_stated,
     limits_text,
-    locked_positions,
 )
 from pfd_core.model.urdf import NOT_A_CHAIN, Inertial, Joint, Origin, Urdf
 from pfd_core.model.values import LARGEST, MOST_NAMES, quote, quote_all, real_number
@@ -51,6 +51,8 @@ NO_BODY: Body = (0.0, np.zeros(3), np.zeros((3, 3)))
 # one, whose length no offset states, may be longer so many times; a wrong unit makes it 1000.
 LONGEST_LAST = 10.0
 
+NOTHING: Mapping[str, float] = MappingProxyType({})
+
 
 class TreeError(ValueError):
     """
@@ -58,16 +60,18 @@ class TreeError(ValueError):
 
     Attributes
     ----------
+    tip : str
+        The end of the longest chain of joints without mimic; as `tip` it makes it a chain.
     joints : sequence of str
-        The joints that make it a chain if they are locked.
+        The joints that make it the same chain if they are locked.
     positions : mapping
-        A position of each of them within its limits, next to zero [rad, m].
+        A position of each of them within its limits, next to zero or as it follows [rad, m].
 
     """
 
-    def __init__(self, text: str, joints: Iterable[Joint] = ()) -> None:
+    def __init__(self, text: str, tip: str = '', positions: Mapping[str, float] = NOTHING) -> None:
         super().__init__(text)
-        self.positions = _places(joints)
+        self.tip, self.positions = tip, dict(positions)
         self.joints = tuple(self.positions)
 
 
@@ -81,6 +85,7 @@ class Chain(NamedTuple):
     below: list[Joint]  # below the held link, each after the joint above it, on this chain alone
     carriers: Mapping[str, Joint | None]  # of a link: the moving joint, or None for the base's
     above: list[Joint]  # from the root to the held link
+    locked: Mapping[str, float]  # position [rad, m] of each joint that is locked
 
 
 def robot_from_urdf(
@@ -97,11 +102,10 @@ def robot_from_urdf(
         _warn(f'{urdf.place}: not read, misspelt? {quote_all(urdf.misspelt)}')
     if urdf.unread:
         _warn(f'{urdf.place}: not read: {"; ".join(urdf.unread[:MOST_NAMES])}')
-    given = locked_positions({} if locked is None else locked)
-    at = urdf.with_followers(given)
-    chain = find_chain(urdf, base, tip, at)
-    for name, position in given.items():
-        check_locked_position(name, position, *_bounds(urdf.joints[name]))
+    given = lockable(urdf, locked)
+    chain = find_chain(urdf, base, tip, given)
+    at = chain.locked
+    _warn_of_locks(urdf, chain, given)
     frames = _link_frames(chain, at, slack)
     placements = _placements(chain, frames, slack)
     above = (frame for joint in chain.above for frame in _steps(joint, at, slack))
@@ -144,6 +148,26 @@ def _warn(text: str, calls: int = 3) -> None:
 # The chain.
 
 
+def lockable(urdf: Urdf, locked: Mapping[str, float] | None) -> dict[str, float]:
+    """Return the positions [rad, m] of joints to lock and of joints that mimic these."""
+    given = {} if locked is None else locked
+    at = urdf.with_followers(given)
+    for name, position in at.items():
+        joint = urdf.joints.get(name)
+        if joint is None or joint.kind not in JOINT_TYPES:
+            found = 'has no such joint' if joint is None else f'has it as a {joint.kind} joint'
+            movable = [j.name for j in urdf.joints.values() if j.kind in JOINT_TYPES]
+            raise ValueError(
+                f'cannot lock {quote(name)}: {quote(urdf.name)} {found}; joints that can be '
+                f'locked: {quote_all(movable)}'
+            )
+        rule = joint.mimic
+        # A follower may be out of its limits where its leader puts it.
+        if rule is None or at.get(rule.leader) is None or position != rule.at(at[rule.leader]):
+            check_locked_position(name, position, *_bounds(joint))
+    return at
+
+
 def find_chain(
     urdf: Urdf, base: str | None, tip: str | None, locked: Mapping[str, float]
 ) -> Chain:
@@ -151,7 +175,8 @@ def find_chain(
     Return the chain of joints between two links, the root and the last one by default.
 
     The base is fixed: links above it and other branches on it are cut off. Branches on a moving
-    link stay, welded to it; a joint there that could move must be locked.
+    link stay, welded to it; a joint there that could move is locked, next to zero within its
+    limits, or as it follows another.
     """
     label = quote(urdf.name)
     above = {joint.child: joint for joint in urdf.joints.values()}
@@ -161,15 +186,6 @@ def find_chain(
         if link is not None and link not in urdf.links:
             raise ValueError(
                 f'{role} {quote(link)} is not a link of {label}; it has {quote_all(urdf.links)}'
-            )
-    for name in locked:
-        kind = urdf.joints[name].kind if name in urdf.joints else None
-        if kind not in JOINT_TYPES:
-            found = 'has no such joint' if kind is None else f'has it as a {kind} joint'
-            movable = [joint.name for joint in urdf.joints.values() if joint.kind in JOINT_TYPES]
-            raise ValueError(
-                f'cannot lock {quote(name)}: {label} {found}; joints that can be locked: '
-                f'{quote_all(movable)}'
             )
     free = {j.name for j in urdf.joints.values() if j.kind != 'fixed' and j.name not in locked}
     # The base may be a leaf: the chain starts at the topmost link that is welded to it.
@@ -181,35 +197,46 @@ def find_chain(
     for joint in below:
         carriers[joint.child] = joint if joint.name in free else carriers[joint.parent]
     moving = [joint for joint in urdf.joints.values() if carriers.get(joint.child) is joint]
-    tip = _last_link(label, base, moving, carriers) if tip is None else tip
-    if tip not in carriers:
-        raise ValueError(f'tip {quote(tip)} is not below base {quote(base)} in {label}')
-    chain: list[Joint] = []
-    carrier = carriers[tip]
-    while carrier is not None:
-        chain.insert(0, carrier)
-        carrier = carriers[carrier.parent]
+    if tip is None and not moving:
+        raise ValueError(f'no joint moves below {quote(base)} in {label}')
+    before = [carriers[joint.parent] for joint in moving]
+    ends = [joint for joint in moving if joint not in before]
+    chosen = _advised_tip(ends, carriers) if tip is None else tip
+    if chosen not in carriers:
+        raise ValueError(f'tip {quote(chosen)} is not below base {quote(base)} in {label}')
+    chain = _way(chosen, carriers)
     if not chain:
-        raise ValueError(f'no joint moves between {quote(base)} and {quote(tip)} in {label}')
+        raise ValueError(f'no joint moves between {quote(base)} and {quote(chosen)} in {label}')
     # Links that are neither moved by the chain nor part of its base are excluded.
     carried = {link: by for link, by in carriers.items() if by is None or by in chain}
     moved = {joint.child for joint in _below(chain[0].child, children)}
     others = [joint for joint in moving if joint not in chain and joint.child in moved]
-    if others:
+    if tip is None and ends[1:]:
+        # Others on the base are cut off where a tip is given, and must be locked where none is.
+        rest = [joint for joint in moving if joint not in chain]
+        positions = _places(urdf, rest, locked, chain)
+        # Followers need no advice: they follow.
+        led = {joint.name for joint in rest if joint.mimic and joint.mimic.leader in positions}
+        positions = {name: x for name, x in positions.items() if name not in led}
         raise TreeError(
-            f'{label} is a tree, not a chain: {quote_all(j.name for j in others)} also '
-            f'move what {quote(chain[0].name)} carries to {quote(tip)}; {_how_to_lock(others)}',
-            others,
+            f'{label} is a tree, not a chain: it ends in joints '
+            f'{quote_all(j.name for j in ends)}; choose one end, such as tip={quote(chosen)} (and '
+            'a base, if the ends part at a link that should stand still), or lock the others, '
+            f'{_how_to_lock(positions)}',
+            chosen,
+            positions,
         )
     for joint in chain:
         _check_kind(joint)
+    if others:
+        return find_chain(urdf, base, tip, {**locked, **_places(urdf, others, locked, chain)})
     to_root: list[Joint] = []
     link = held
     while link in above:
         to_root.insert(0, above[link])
         link = above[link].parent
     below = [joint for joint in below if joint.child in carried]
-    return Chain(base, tip, held, chain, below, carried, to_root)
+    return Chain(base, chosen, held, chain, below, carried, to_root, locked)
 
 
 def _root(urdf: Urdf, above: Mapping[str, Joint], children: dict[str, list[Joint]]) -> str:
@@ -253,23 +280,40 @@ def _below(link: str, children: Mapping[str, list[Joint]]) -> list[Joint]:
     return found
 
 
-def _last_link(
-    label: str, base: str, moving: list[Joint], carriers: Mapping[str, Joint | None]
-) -> str:
-    """Return the link that the last joint moves; ValueError if the chain has several ends."""
-    if not moving:
-        raise ValueError(f'no joint moves below {quote(base)} in {label}')
-    before = [carriers[joint.parent] for joint in moving]
-    ends = [joint for joint in moving if joint not in before]
-    if len(ends) > 1:
-        raise TreeError(
-            f'{label} is a tree, not a chain: it ends in joints '
-            f'{quote_all(j.name for j in ends)}; choose one end with '
-            f'tip={quote(ends[0].child)} (and a base, if the ends part at a link that should '
-            f'stand still), or {_how_to_lock(ends)}',
-            ends,
-        )
-    return ends[0].child
+def _way(link: str, carriers: Mapping[str, Joint | None]) -> list[Joint]:
+    """Return the joints that move a link, from the base on."""
+    way: list[Joint] = []
+    carrier = carriers[link]
+    while carrier is not None:
+        way.insert(0, carrier)
+        carrier = carriers[carrier.parent]
+    return way
+
+
+def _advised_tip(ends: list[Joint], carriers: Mapping[str, Joint | None]) -> str:
+    """
+    Return the end of the longest chain of joints that neither follow others nor lead them.
+
+    Where several are the longest, it is the link on which they part if most of their joints are
+    above it, as with the fingers of a hand, or else the first one, as with two arms.
+    """
+    if not ends[1:]:
+        return ends[0].child
+    every = [_way(end.child, carriers) for end in ends]
+    rules = {joint.name: joint.mimic for way in every for joint in way if joint.mimic is not None}
+    coupled = {*rules, *(rule.leader for rule in rules.values())}
+    ways = []
+    for way in every:
+        free = next((k for k, joint in enumerate(way) if joint.name in coupled), len(way))
+        ways.append(way[:free] or way)
+    most = max(map(len, ways))
+    longest = [way for way in ways if len(way) == most]
+    same = 0
+    while same < most and all(way[same] is longest[0][same] for way in longest):
+        same += 1
+    if same == most or most - same > same:
+        return longest[0][-1].child
+    return longest[0][same].parent
 
 
 def _check_kind(joint: Joint) -> None:
@@ -280,10 +324,12 @@ def _check_kind(joint: Joint) -> None:
             f'below it, such as base={quote(joint.child)}, or make it fixed'
         )
     if joint.mimic is not None:
+        leader = quote(joint.mimic.leader)
         raise ValueError(
-            f'{joint.place}: joint {name} mimics {quote(joint.mimic.leader)}, which is not '
-            f'supported: lock it with locked={_places([joint])}, lock the joint that it follows, '
-            'or take the <mimic> away'
+            f'{joint.place}: joint {name} mimics {leader}, which is not supported for a joint of '
+            'the chain: locked, it would lose its motion, and the arm would be another one. Lock '
+            f'{leader}, which locks {name} where it follows, or take the <mimic> away, if each '
+            'has a motor'
         )
 
 
@@ -291,16 +337,73 @@ def _bounds(joint: Joint) -> tuple[float, float]:
     return joint.limits.get('lower', -math.inf), joint.limits.get('upper', math.inf)
 
 
-def _places(joints: Iterable[Joint]) -> dict[str, float]:
-    """Return the position next to zero [rad, m] within the limits of joints that can move."""
-    movable = {j.name: _bounds(j) for j in joints if j.kind in JOINT_TYPES}
-    return {name: min(max(0.0, lower), upper) for name, (lower, upper) in movable.items()}
+def _places(
+    urdf: Urdf, joints: Iterable[Joint], locked: Mapping[str, float], chain: list[Joint]
+) -> dict[str, float]:
+    """
+    Return the positions [rad, m] of joints that are locked, besides those that are `locked`.
+
+    It is next to zero within the limits, or as the joint follows another one. ValueError if it
+    follows a joint of the chain, or cannot be locked.
+    """
+    moves, at = {joint.name for joint in chain}, dict(locked)
+    todo = list(joints)
+    names = [joint.name for joint in todo]
+    for joint in todo:
+        if joint.kind in NOT_A_CHAIN:
+            raise ValueError(
+                f'{joint.place}: joint {quote(joint.name)}, off the chain, is {joint.kind}, which '
+                'cannot be locked: make it fixed'
+            )
+        if joint.mimic is None:
+            lower, upper = _bounds(joint)
+            at.setdefault(joint.name, min(max(0.0, lower), upper))
+            continue
+        leader = urdf.joints.get(joint.mimic.leader)
+        if leader is not None and leader.name in moves:
+            name, led = quote(leader.name), quote(joint.name)
+            raise ValueError(
+                f'{joint.place}: joint {led} mimics {name}, which moves in the chain: locked, it '
+                f'would lose its motion, and the arm would be another one. Lock {name}, which '
+                f'locks {led} where it follows, or choose a tip above {name}, or lock both'
+            )
+        if leader is not None and leader not in todo:
+            todo.append(leader)
+    at = urdf.with_followers(at)
+    for name in names:
+        if name not in at:
+            raise ValueError(
+                f'{urdf.joints[name].place}: joint {quote(name)} mimics a joint that is not in '
+                'the URDF: mend its <mimic>'
+            )
+    return {name: at[name] for name in names}
 
 
-def _how_to_lock(joints: Iterable[Joint]) -> str:
-    pairs = [f'{quote(name)}: {x}' for name, x in _places(joints).items()]
+def _how_to_lock(positions: Mapping[str, float]) -> str:
+    pairs = [f'{quote(name)}: {x}' for name, x in positions.items()]
     more = ', ...' if len(pairs) > MOST_NAMES else ''
-    return f'lock them, locked={{{", ".join(pairs[:MOST_NAMES])}{more}}}'
+    return f'locked={{{", ".join(pairs[:MOST_NAMES])}{more}}}'
+
+
+def _warn_of_locks(urdf: Urdf, chain: Chain, given: Mapping[str, float]) -> None:
+    """Warn of joints that are locked though nobody asked for it, or though their leaders move."""
+    label = urdf.place
+    assumed = {name: x for name, x in chain.locked.items() if name not in given}
+    if assumed:
+        _warn(
+            f'{label}: joints that do not move tip {quote(chain.tip)} are locked; to choose '
+            f'where, give {_how_to_lock(assumed)}',
+            calls=4,
+        )
+    moves = {joint.name for joint in chain.joints}
+    for name in given:
+        rule = urdf.joints[name].mimic
+        if rule is not None and rule.leader in moves and urdf.joints[name] in chain.below:
+            _warn(
+                f'{label}: joint {quote(name)} is locked, though it mimics '
+                f'{quote(rule.leader)}, which moves: the arm lacks that motion',
+                calls=4,
+            )
 
 
 # Its frames and bodies.

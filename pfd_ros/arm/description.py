@@ -122,17 +122,28 @@ def described_robot(settings: Settings, source: str | pfd.Urdf) -> DescribedRobo
     xacro = xacro_arguments(settings.xacro_args)
     urdf = source if isinstance(source, pfd.Urdf) else pfd.read_urdf(source, xacro)
     if urdf is None:
-        return DescribedRobot(load_robot(settings, source), settings)
+        return DescribedRobot(load_robot(settings, source), with_locks(settings, source))
     robot = load_robot(settings, urdf)
     control = Ros2Control()
     if settings.ros2_control:
         control = read_ros2_control(urdf, robot.joint_names)
     at, names = control.positions, settings.joints or robot.joint_names
     chosen: dict[str, Any] = {}
-    for name, joints in (('initial_positions', names), ('locked_positions', settings.locked)):
-        if not getattr(settings, name) and not at.keys().isdisjoint(joints):
-            chosen[name] = tuple(at.get(joint, 0.0) for joint in joints)
-    filled = replace(settings, **chosen)
+    if not settings.initial_positions and not at.keys().isdisjoint(names):
+        chosen['initial_positions'] = tuple(at.get(joint, 0.0) for joint in names)
+    filled = with_locks(settings, urdf)
+    if not settings.locked_positions:
+        # Joints that mimic locked ones follow them, unless their own names are given.
+        stated = {
+            name: at[name]
+            for name in filled.locked
+            if name in at and (name in settings.locked or urdf.joints[name].mimic is None)
+        }
+        if stated:
+            filled = with_locks(settings, urdf, stated)
+            robot = load_robot(filled, urdf)
+            chosen['locked_positions'] = filled.locked_positions
+    filled = replace(filled, **chosen)
     taken = tuple(f'{name} from <ros2_control>: {list(chosen[name])}' for name in chosen)
     given = {**dict(zip(names, filled.initial_positions, strict=False)), **filled.locks}
     off = [name for name, position in at.items() if given.get(name, position) != position]
@@ -142,12 +153,6 @@ def described_robot(settings: Settings, source: str | pfd.Urdf) -> DescribedRobo
             f'initial positions of {listed(off)} differ between <ros2_control> and the '
             'parameters: the parameters are used',
         )
-    if filled.locks != settings.locks:
-        robot = load_robot(filled, urdf)
-    # Joints that mimic locked ones are locked too, and so published.
-    locks = urdf.with_followers(filled.locks)
-    if locks != filled.locks:
-        filled = replace(filled, locked=tuple(locks), locked_positions=tuple(locks.values()))
     return DescribedRobot(robot, filled, urdf, control.topics, taken, warnings)
 
 
@@ -159,6 +164,23 @@ def xacro_arguments(words: Sequence[str]) -> dict[str, str]:
                 f'{cut(word)!r} is no argument of a .xacro file, expected name:=value'
             )
     return {name: value for name, _, value in (word.partition(':=') for word in words)}
+
+
+def with_locks(
+    settings: Settings, source: str | pfd.Urdf, stated: Mapping[str, float] | None = None
+) -> Settings:
+    """Return settings that name each locked joint, with its position; `stated` has precedence.
+
+    Among them are those that match a pattern, that mimic locked ones, and that do not move the
+    tip: all of them are published.
+    """
+    locks = pfd.locked_joints(
+        source,
+        base=settings.base_link or None,
+        tip=settings.tip_link or None,
+        locked={**settings.locks, **(stated or {})},
+    )
+    return replace(settings, locked=tuple(locks), locked_positions=tuple(locks.values()))
 
 
 def load_robot(settings: Settings, source: str | pfd.Urdf) -> pfd.Robot:
@@ -175,7 +197,7 @@ def load_robot(settings: Settings, source: str | pfd.Urdf) -> pfd.Robot:
         )
     except pfd.TreeError as error:
         positions = dict([*settings.locks.items(), *error.positions.items()][:MOST_TO_LOCK])
-        written = f'-p locked:=[{",".join(positions)}]'
+        written = f'-p tip_link:={error.tip}, or -p locked:=[{",".join(positions)}]'
         if any(positions.values()):
             written += f' -p locked_positions:=[{",".join(map(str, positions.values()))}]'
         raise ValueError(f'{error}; of the node: write {written}') from error

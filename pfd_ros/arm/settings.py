@@ -159,7 +159,7 @@ class Settings(CommandSettings, PlantSettings, DescriptionSettings, SensorSettin
     base_link: str = setting('', "First link of the chain; '' is the root of the model")
     tip_link: str = setting('', "Last link of the chain; '' is the only leaf of the model")
     joints: tuple[str, ...] = setting((), 'Order of the joints; empty is the order of the model')
-    locked: tuple[str, ...] = setting((), 'Joints to weld, such as the joints of a gripper')
+    locked: tuple[str, ...] = setting((), 'Joints to weld, or patterns, such as hand_*')
     locked_positions: tuple[float, ...] = setting(
         (), 'Where they are welded, rad or m; empty: initial_value of <ros2_control>, or 0'
     )

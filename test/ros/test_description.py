@@ -256,6 +256,18 @@ def test_the_cure_for_a_tree_locks_joints_within_their_limits() -> None:
     assert described_robot(locked, tree).robot.joint_names == ('turn',)
 
 
+def test_patterns_and_joints_beyond_the_tip_are_locked_and_published_by_name() -> None:
+    text = gripper_arm.with_block('')
+    found = described_robot(Settings(locked=('fin*',), locked_positions=(0.01,)), text)
+    assert found.settings.locks == {'finger': 0.01, 'thumb': -0.01}
+    with pytest.warns(pfd.PhysicsWarning, match="locked={'finger': "):
+        beyond = described_robot(Settings(tip_link=found.robot.tip), text)
+    assert set(beyond.settings.locks) == {'finger', 'thumb'}
+    assert beyond.robot.joint_names == found.robot.joint_names
+    of_yaml = described_robot(Settings(robot='planar2', locked=('elb*',)), 'planar2')
+    assert of_yaml.settings.locks == {'elbow': 0.0}
+
+
 # ---- frames of links in recordings
 
 

@@ -67,6 +67,7 @@ if TYPE_CHECKING:
         reflected_inertia,
         robot_to_yaml,
         scene_to_yaml,
+        start_positions,
         urdf_of,
         with_payload,
     )
@@ -130,6 +131,7 @@ __all__ = [
     'robot_to_urdf',
     'robot_to_yaml',
     'scene_to_yaml',
+    'start_positions',
     'urdf_of',
     'with_payload',
 ]
@@ -145,7 +147,7 @@ _NAMES = {
     'model': (
         'EFFECTS Payload PhysicsWarning Robot Scene estimated_armature known_robots '
         'load_robot load_scene lock locked_joints read_urdf reflected_inertia robot_to_yaml '
-        'scene_to_yaml urdf_of with_payload'
+        'scene_to_yaml start_positions urdf_of with_payload'
     ),
     'model.urdf_robot': 'TreeError',
     'model.urdf': 'Urdf',

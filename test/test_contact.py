@@ -14,7 +14,7 @@ from oracle import Oracle
 import pinocchio as pin
 import pytest
 from sampling import one_fast
-from zoo import Array, joint, link, random_chain, slider, urdf
+from zoo import BODY, Array, joint, link, random_chain, slider, urdf
 
 import pfd_core as pfd
 
@@ -503,3 +503,77 @@ def test_random_scenes_move_as_an_event_driven_integration(seeds: list[int], sta
     assert sum(unclear for _, unclear in found) < motions / 2
     assert starts != 3 or len(errors) > motions / 2
     assert max(errors, default=0.0) < VELOCITY
+
+
+def ranged(*ranges: tuple[float, float]) -> pfd.Robot:
+    """Return joints `j0`, `j1` ... with ranges, in a row."""
+    names = [f'l{k}' for k in range(len(ranges))]
+    limits = ' velocity="3" effort="80"'
+    return pfd.load_robot(
+        urdf(
+            'ranged',
+            link('base'),
+            *(link(name, 1.0, '0 0 -0.5', J=BODY) for name in names),
+            *(
+                joint(
+                    *(f'j{k}', 'revolute', ['base', *names][k], name),
+                    extra=f'<limit lower="{low}" upper="{high}"{limits}/>',
+                )
+                for k, (name, (low, high)) in enumerate(zip(names, ranges, strict=True))
+            ),
+        )
+    )
+
+
+# 0 is inside, below, above, at an end, and outside an end without another one.
+RANGES = (-1.0, 2.0), (0.5, 4.5), (-3.0, -1.0), (0.0, 1.0), (0.25, np.inf), (-np.inf, -2.0)
+INSIDE = [0.0, 2.5, -2.0, 0.0, 0.25, -2.0]
+STOPS = pfd.Scene(joint_limits='model', gravity=None)
+
+
+def test_an_arm_starts_at_zero_or_in_the_middle_of_ranges_that_exclude_it() -> None:
+    robot = ranged(*RANGES)
+    np.testing.assert_array_equal(pfd.start_positions(robot), INSIDE)
+    for arm in (pfd.Simulator(robot, STOPS), pfd.Ensemble(robot, 3, STOPS)):
+        for _ in range(2):
+            np.testing.assert_array_equal(arm.q, np.broadcast_to(INSIDE, arm.q.shape))
+            arm.reset([0.6, 0.6, -1.4, 0.6, 0.6, -3.4])
+            arm.reset()
+    run = pfd.integrate(robot, np.zeros(robot.n), 0.01, scene=STOPS)
+    np.testing.assert_array_equal(run.q[0], INSIDE)
+    assert not pfd.Simulator(robot).q.any()  # without stops
+
+
+@pytest.mark.parametrize('name', pfd.known_robots())
+def test_an_included_arm_starts_inside_its_stops_and_is_at_none(name: str) -> None:
+    robot = pfd.load_robot(name)
+    start = pfd.start_positions(robot)
+    assert np.all((robot.position_lower < start) & (start < robot.position_upper))
+
+
+@pytest.mark.parametrize('beyond', [-0.5, 5.0])
+def test_a_state_outside_the_stops_is_said_with_a_position_that_lies_inside(beyond: float) -> None:
+    robot = ranged(*RANGES[:2])
+    named = rf"'j1'.* at {beyond:g}, its stops at 0.5 and 4.5: set it to 2.5"
+    sim = pfd.Simulator(robot, STOPS)
+    with pytest.warns(pfd.PhysicsWarning, match=named):
+        sim.reset([0.0, beyond])
+    assert sim.q.tolist() == [0.0, beyond]
+    with pytest.warns(pfd.PhysicsWarning, match=named):
+        pfd.integrate(robot, [0.0, 0.0], 0.001, scene=STOPS, q=[0.0, beyond])
+    arms = pfd.Ensemble(robot, 4, STOPS)
+    states = np.tile([0.0, 2.5], (4, 1))
+    states[2:, 1] = beyond
+    with pytest.warns(pfd.PhysicsWarning, match=r'arm 2 \(2 of 4 arms\) is at'):
+        arms.reset(states)
+    pfd.Simulator(robot).reset([0.0, beyond])  # without stops
+
+
+def test_a_state_at_a_stop_in_either_format_is_not_outside_it() -> None:
+    robot = ranged((-0.3, 0.1), (0.1, 4.7))
+    for dtype in ('float32', 'float64'):
+        sim = pfd.Simulator(robot, STOPS, dtype=dtype)
+        for q in (robot.position_lower, robot.position_upper):
+            sim.reset(q)
+            sim.step([0.0, 0.0])
+            sim.reset(sim.q)

@@ -611,6 +611,20 @@ def test_a_nearly_right_angle_is_made_exact_and_its_joint_named() -> None:
     assert set(np.abs(robot.rotations[0]).ravel().tolist()) == {0.0, 1.0}
 
 
+def test_angles_are_those_of_the_file_to_rounding_where_right_angle_is_negative() -> None:
+    q, qd, qdd = np.random.default_rng(9).uniform(-1, 1, (3, 2))
+    for angle, rounded in (('1.570796325', True), ('1.5708', False)):
+        text = NEARLY.replace('1.570796325', angle)
+        model = pin.buildModelFromXML(text)
+        expected = pin.rnea(model, model.createData(), q, qd, qdd)
+        for slack, exact in ((-1, True), (None, not rounded)):
+            given = {} if slack is None else {'right_angle': slack}
+            robot = pfd.load_robot(text, **given)
+            assert robot.snapped_joints == (() if exact else ('second',))
+            error = relative(pfd.inverse_dynamics(robot, q, qd, qdd), expected)
+            assert (error < 1e-12) == exact
+
+
 def changed(old: str, new: str) -> str:
     assert old in ODD_ARM, old
     return ODD_ARM.replace(old, new, 1)

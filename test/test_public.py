@@ -63,6 +63,7 @@ VALID: dict[str, dict[str, Any]] = {
     'robot_to_urdf': {'robot': ROBOT},
     'robot_to_yaml': {'robot': ROBOT},
     'scene_to_yaml': {'scene': pfd.Scene()},
+    'start_positions': {'robot': ROBOT},
     'urdf_of': {'source': 'planar2'},
     'with_payload': {'robot': ROBOT, 'payload': pfd.Payload(1.0)},
 }

@@ -21,6 +21,7 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     scene               Scene: which effects are on; scenes as YAML
     plant               Plant: a scene and a robot as numbers; resolve, which makes it of both;
                         plant.only, the plant with some kinds of effects
+    stops               the default start of a robot; the states outside its stops
     values              numbers, names and arrays, checked, and as errors quote them
 
 URDF and xacro are read by modules that `loading` imports at the first such file.
@@ -49,6 +50,7 @@ from pfd_core.model.plant import (
 from pfd_core.model.robot import Frame, Payload, PhysicsWarning, Robot, lock, with_payload
 from pfd_core.model.rotors import estimated_armature, reflected_inertia
 from pfd_core.model.scene import Scene, given_scene, scene_inputs, scene_to_yaml
+from pfd_core.model.stops import outside_stops, start_positions, start_within
 from pfd_core.model.yaml_files import robot_to_yaml
 
 __all__ = [
@@ -71,12 +73,15 @@ __all__ = [
     'load_scene',
     'lock',
     'locked_joints',
+    'outside_stops',
     'read_urdf',
     'reflected_inertia',
     'resolve',
     'robot_to_yaml',
     'scene_inputs',
     'scene_to_yaml',
+    'start_positions',
+    'start_within',
     'urdf_of',
     'with_payload',
 ]

@@ -94,7 +94,8 @@ def load_robot(
     right_angle : float
         Angles of a URDF within this distance [rad] of a multiple of 90 degrees become exact:
         1.570796325 means pi/2, and exact zeros halve the work of a kernel. The robot's
-        `snapped_joints` names the joints that this changed. Negative: angles as written.
+        `snapped_joints` names the joints that this changed. Results then differ by up to 1e-8
+        from those of Pinocchio; -1 takes angles as written, and they agree to rounding.
     xacro : mapping, optional
         Arguments of a .xacro file: name -> text or number; default: those of the file. Its
         `$(find NAME)` is the folder of an installed package (AMENT_PREFIX_PATH), or else of the

@@ -24,6 +24,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 import math
 import time
+import warnings
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,7 +35,16 @@ from pfd_core.kernels.objects import supported
 from pfd_core.kernels.simulations import AdaptiveSteps, compile_adaptive
 from pfd_core.kernels.spec import STEP, KernelSpec
 from pfd_core.kernels.threads import address
-from pfd_core.model import Robot, Scene, given_scene, resolve, scene_inputs
+from pfd_core.model import (
+    PhysicsWarning,
+    Robot,
+    Scene,
+    given_scene,
+    outside_stops,
+    resolve,
+    scene_inputs,
+    start_within,
+)
 from pfd_core.model.effects import INPUT
 from pfd_core.model.values import Array, choice, integer, real_array, real_number, switch
 from pfd_core.simulation.adaptive_steps import WRITTEN, adaptive_code, adaptive_frame
@@ -160,7 +170,7 @@ def integrate(
     scene : Scene, optional
         Which effects are on; default: rigid links and gravity.
     q, qd : array_like
-        State at the start, (n,) [rad or m, and per s]; default zero.
+        State at the start, (n,) [rad or m, and per s]; default: as for `Simulator.reset`.
     wrench : array_like
         Force and moment on the last link, (6,); required if the scene has `external_wrench`, and
         only then.
@@ -200,9 +210,9 @@ def integrate(
     dense = switch('dense', dense)
     scene = given_scene(scene)
     try:
-        steps = _native(robot, scene, integrator, method, refine)
+        steps, stops = _native(robot, scene, integrator, method, refine)
     except TypeError:  # an unhashable argument, which KernelSpec names
-        steps = _native.__wrapped__(robot, scene, integrator, method, refine)
+        steps, stops = _native.__wrapped__(robot, scene, integrator, method, refine)
     n = robot.n
     inputs = scene_inputs(scene, n, 'float64', wrench, brakes)
     if scene.payload == INPUT:
@@ -214,6 +224,10 @@ def integrate(
         for name, value in (('q', q), ('qd', qd))
         if value is not None
     }
+    if stops is not None:
+        outside = outside_stops(robot, stops, start.setdefault('q', start_within(*stops.T)))
+        if outside:
+            warnings.warn(f'integrate(q): {outside}', PhysicsWarning, stacklevel=2)
     settings = {
         'duration': duration,
         'longest': min(duration, _above_zero('max_step', max_step, finite=False)),
@@ -240,8 +254,8 @@ def integrate(
 @lru_cache(CACHED_KERNELS, typed=True)
 def _native(
     robot: Robot, scene: Scene, integrator: str, method: str, refine: int
-) -> AdaptiveSteps:
-    """Return the native code for a robot in a scene; ValueError for a scene with motor lag."""
+) -> tuple[AdaptiveSteps, Array | None]:
+    """Return native code for a robot in a scene, and stops; ValueError for motor lag."""
     plant = resolve(robot, scene)
     if plant.motor_lag is not None:
         raise ValueError(
@@ -249,7 +263,8 @@ def _native(
             'Simulator or Ensemble, or leave it out of the scene'
         )
     spec = KernelSpec(robot, scene, method, 'float64', refine, STEP)
-    return compile_adaptive(spec, adaptive_code(plant, integrator), adaptive_frame)
+    steps = compile_adaptive(spec, adaptive_code(plant, integrator), adaptive_frame)
+    return steps, plant.joint_limits
 
 
 def _advanced(

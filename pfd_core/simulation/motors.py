@@ -89,7 +89,7 @@ class MotorSimulator(Simulator):
     def new_state(
         self, q: ArrayLike | None = None, qd: ArrayLike | None = None
     ) -> SimulationState:
-        """Return a state at these positions and velocities, default zero, (n,)."""
+        """Return a state at these positions and velocities, (n,); default: as for reset."""
         state = SimulationState(self._shapes(), self._dtype)
         self._set(state, q, qd, 0.0, None)
         return state

@@ -11,6 +11,7 @@ from functools import partial
 import math
 import time
 from typing import Any, TypeVar
+import warnings
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,13 +24,16 @@ from pfd_core.kernels.spec import STEP, KernelSpec
 from pfd_core.kernels.threads import address, block_size, run
 from pfd_core.machine.program import Program
 from pfd_core.model import (
+    PhysicsWarning,
     Plant,
     Robot,
     Scene,
     check_joint_inertia,
     given_scene,
+    outside_stops,
     resolve,
     scene_inputs,
+    start_within,
 )
 from pfd_core.model.effects import INPUT
 from pfd_core.model.values import (
@@ -121,6 +125,7 @@ class Simulation(ABC):
         # The valid state lies in the buffer to which `_turn` points; native code uses the other.
         self._buffers = SimulationState(shapes, dtype), SimulationState(shapes, dtype)
         self._turn = 0
+        self._now.arrays['q'][...] = self._start
 
     @abstractmethod
     def _shapes(self) -> dict[str, tuple[int, ...]]:
@@ -266,13 +271,28 @@ class Simulation(ABC):
         tau_motor: ArrayLike | None = None,
     ) -> None:
         """
-        Set positions and velocities, (n,) or (B, n), default zero, and the time [s].
+        Set positions and velocities, (n,) or (B, n), and the time [s].
 
+        The default is zero, or the middle between two stops that exclude zero.
         `tau_motor` are the torques of motors with a lag; only if the scene has one. Positions may
-        lie beyond the joint limits. ValueError for an angle above LARGEST_ANGLE.
+        lie outside the stops, with a PhysicsWarning. ValueError for an angle above LARGEST_ANGLE.
         """
-        self._set(self._buffers[1 - self._turn], q, qd, time, tau_motor)
+        following = self._buffers[1 - self._turn]
+        self._set(following, q, qd, time, tau_motor)
+        outside = '' if q is None else self.outside_stops(following.arrays['q'])
+        if outside:
+            warnings.warn(f'reset(q): {outside}', PhysicsWarning, stacklevel=2)
         self._turn ^= 1
+
+    def outside_stops(self, q: Array) -> str:
+        """Name the joints of positions that lie outside the stops of the scene; '' for none."""
+        limits = self._plant.joint_limits
+        return '' if limits is None else outside_stops(self._robot, limits, q)
+
+    @property
+    def _start(self) -> Array | float:
+        limits = self._plant.joint_limits
+        return 0.0 if limits is None else start_within(*limits.T)
 
     def _set(
         self,
@@ -283,6 +303,7 @@ class Simulation(ABC):
         tau_motor: ArrayLike | None,
     ) -> None:
         following.clear(start=real_number('time', time))
+        following.arrays['q'][...] = self._start
         for name, value in (('q', q), ('qd', qd), (MOTOR_TORQUE, tau_motor)):
             if value is not None:
                 if name not in following.arrays:

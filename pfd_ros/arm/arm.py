@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from typing import Any
+import warnings
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,9 @@ class Arm:
         self.plants = Plants(settings, robot, self.order)
         plant = self.plants.prepare(settings)
         simulator = plant.simulator
+        outside = simulator.outside_stops(self.start)
+        if outside:
+            warnings.warn(f'initial_positions: {outside}', pfd.PhysicsWarning, stacklevel=2)
         settings = replace(
             settings,
             integrator=simulator.integrator,

@@ -122,15 +122,18 @@ def described_robot(settings: Settings, source: str | pfd.Urdf) -> DescribedRobo
     xacro = xacro_arguments(settings.xacro_args)
     urdf = source if isinstance(source, pfd.Urdf) else pfd.read_urdf(source, xacro)
     if urdf is None:
-        return DescribedRobot(load_robot(settings, source), with_locks(settings, source))
+        return with_start(
+            DescribedRobot(load_robot(settings, source), with_locks(settings, source))
+        )
     robot = load_robot(settings, urdf)
     control = Ros2Control()
     if settings.ros2_control:
         control = read_ros2_control(urdf, robot.joint_names)
     at, names = control.positions, settings.joints or robot.joint_names
+    start = default_start(robot)
     chosen: dict[str, Any] = {}
     if not settings.initial_positions and not at.keys().isdisjoint(names):
-        chosen['initial_positions'] = tuple(at.get(joint, 0.0) for joint in names)
+        chosen['initial_positions'] = tuple(at.get(x, start.get(x, 0.0)) for x in names)
     filled = with_locks(settings, urdf)
     if not settings.locked_positions:
         # Joints that mimic locked ones follow them, unless their own names are given.
@@ -153,7 +156,29 @@ def described_robot(settings: Settings, source: str | pfd.Urdf) -> DescribedRobo
             f'initial positions of {listed(off)} differ between <ros2_control> and the '
             'parameters: the parameters are used',
         )
-    return DescribedRobot(robot, filled, urdf, control.topics, taken, warnings)
+    return with_start(DescribedRobot(robot, filled, urdf, control.topics, taken, warnings))
+
+
+def with_start(found: DescribedRobot) -> DescribedRobot:
+    """Fill in where the joints start, if nothing says so and 0 lies outside the model's limits.
+
+    Here and not in the arm, so that a recording names the start, and an older one keeps its own.
+    """
+    settings, start = found.settings, default_start(found.robot)
+    names = settings.joints or found.robot.joint_names
+    if settings.initial_positions or not any(start.values()) or sorted(names) != sorted(start):
+        return found
+    at = tuple(start[name] for name in names)
+    moved = ', '.join(f'{name} at {x:.6g}' for name, x in start.items() if x)
+    line = f'initial_positions: {moved}, the middle of the limits, which exclude 0'
+    return replace(
+        found, settings=replace(settings, initial_positions=at), taken=(*found.taken, line)
+    )
+
+
+def default_start(robot: pfd.Robot) -> dict[str, float]:
+    """Return where each joint of a robot starts by default, by name."""
+    return dict(zip(robot.joint_names, pfd.start_positions(robot).tolist(), strict=True))
 
 
 def xacro_arguments(words: Sequence[str]) -> dict[str, str]:

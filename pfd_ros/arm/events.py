@@ -63,8 +63,9 @@ LABELS = (
     # Understood, but not possible now.
     'refused',
 )
-# Labels of remarks alone: joints that are welded; a joint commanded again in the same period.
-LOCKED_JOINTS, OVERWRITTEN = 'locked_joints', 'overwritten'
+# Labels of remarks alone: joints that are welded; a joint commanded again in the same period; a
+# state to set outside the stops.
+LOCKED_JOINTS, OVERWRITTEN, OUTSIDE_STOPS = 'locked_joints', 'overwritten', 'outside_stops'
 ACCEPTED = Verdict('accepted')
 # A driver sends NaN until a controller has claimed the joint: no command, no error, an answer.
 ALL_NAN = Verdict('all_nan', 'every number is NaN')

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pfd_ros.arm import wrench
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.commands import check_joints, check_reach
-from pfd_ros.arm.events import MOST_STEPS, Change, RefusedError
+from pfd_ros.arm.events import MOST_STEPS, OUTSIDE_STOPS, Change, RefusedError, Verdict
 from pfd_ros.arm.plant import Plant, with_own_effects
 from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD
 from pfd_ros.arm.settings import Settings, check_counts, typed_values
@@ -136,10 +136,12 @@ def set_state(arm: Arm, data: bytes) -> Change:
     return _jump, (target,)
 
 
-def _jump(arm: Arm, target: NDArray[Any]) -> None:
+def _jump(arm: Arm, target: NDArray[Any]) -> tuple[Verdict, ...]:
     """Let the next step end in these positions and velocities, (2, n)."""
     arm.state.jump = target
     arm.discard_commands()
+    outside = arm.plant.simulator.outside_stops(target[0])
+    return (Verdict(OUTSIDE_STOPS, outside),) if outside else ()
 
 
 def parameters(arm: Arm, data: bytes) -> Change:

@@ -169,7 +169,9 @@ class Settings(CommandSettings, PlantSettings, DescriptionSettings, SensorSettin
     position_sums: str = setting('auto', 'Sums of positions', values=tuple(POSITION_SUMS))
     method: str = setting('auto', 'Forward dynamics', values=('auto', *pfd.METHODS))
     initial_positions: tuple[float, ...] = setting(
-        (), 'Where the joints start, rad or m; empty: initial_value of <ros2_control>, or 0'
+        (),
+        'Where the joints start, rad or m; empty: initial_value of <ros2_control>, 0, or '
+        'the middle of limits that exclude 0',
     )
     autostart: bool = setting(True, 'Be active from the start on, without lifecycle transitions')
     time_source: str = setting(

@@ -24,6 +24,7 @@ from pfd_ros.arm.events import (
     INPUTS,
     LOCKED_JOINTS,
     NAMED,
+    OUTSIDE_STOPS,
     ROLES,
     Verdict,
 )
@@ -212,6 +213,8 @@ def _report_inputs(report: Report, engine: Engine, endpoints: Endpoints) -> None
         elif label == f'{LOCKED_JOINTS}{REMARK}':
             names = detail.removeprefix('locked: ')
             report.once(key, f'commands for locked joints have no effect: {names}')
+        elif label == f'{OUTSIDE_STOPS}{REMARK}':
+            report.line(key, count, f'state set on {topic}: {detail}')
         elif label == f'future{REMARK}':
             report.once(key, f'commands on {topic} have stamps of another clock: {detail}')
         elif is_rejection(label):

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import pfd_core as pfd
-from pfd_ros.arm.description import DescribedRobot, described_robot
+from pfd_ros.arm.description import DescribedRobot, described_robot, with_start
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import (
     ALL,
@@ -300,6 +300,8 @@ class LockstepArm:
         self._record(messages)
         if not verdict.accepted:
             raise ValueError(f'{verdict.label}: {verdict.detail}')
+        for remark in verdict.remarks:
+            warnings.warn(f'{role}: {remark.detail}', pfd.PhysicsWarning, stacklevel=3)
 
     def reset(self) -> None:
         """Restore the initial state, braked until the next command; simulated time continues."""
@@ -428,7 +430,7 @@ def _described(robot: Any, given: Mapping[str, Any]) -> DescribedRobot:
             'base_link, tip_link and locked cannot be given with a pfd.Robot: name its file'
         )
     else:
-        found = DescribedRobot(robot, settings)
+        found = with_start(DescribedRobot(robot, settings))
     return replace(found, settings=with_joint_numbers(found.settings, found.robot, numbers))
 
 

@@ -400,6 +400,22 @@ def test_a_state_of_joint_states_is_sent_back_as_it_came() -> None:
             assert not there.effort.any()
 
 
+def test_a_jump_outside_the_stops_is_accepted_and_remarked() -> None:
+    for stops, outside in ((True, True), (False, False)):
+        engine = made(robot='puma560', joint_limits=stops)
+        found = verdict(engine, placed([A], [3.0]))
+        assert found.accepted
+        assert [remark.label for remark in found.remarks] == ['outside_stops'] * outside
+        assert not outside or "'joint1' is at 3, its stops at -2.79" in found.detail
+        assert state(engine).position[0] == 3.0
+        assert not verdict(engine, placed([A], [2.0])).remarks
+
+
+def test_a_start_outside_the_stops_is_warned_of() -> None:
+    with pytest.warns(pfd.PhysicsWarning, match="initial_positions: .*'joint2' is at 4"):
+        made(robot='puma560', joint_limits=True, initial_positions=(0.0, 4.0, 0.0, 0.0, 0.0, 0.0))
+
+
 def test_a_jump_of_some_joints_of_an_arm_that_has_run_away_is_refused() -> None:
     engine = made(robot='puma560', substeps=1, **UNLIMITED)
     assert np.abs(state(engine, efforts(*[1e40] * 6)).position).max() > 1e10

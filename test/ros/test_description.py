@@ -152,6 +152,28 @@ def test_initial_values_are_taken_in_the_order_of_the_joints_where_none_are_give
     assert "of ['shoulder', 'finger'] differ between" in found.warnings[0]
 
 
+def test_joints_whose_range_excludes_0_start_in_its_middle_unless_something_says_where() -> None:
+    moved = LIMITS.format(1, 2)
+    text = gripper_arm.with_block(block(joint('shoulder', '0.5')))
+    text = text.replace(LIMITS.format(-3, 3), moved)
+    for source, chosen, expected in (
+        (text, {}, (0.5, 1.5)),
+        (text, {'joints': ('elbow', 'shoulder')}, (1.5, 0.5)),
+        (text, {'initial_positions': (0.0, 0.0)}, (0.0, 0.0)),
+        (text, {'ros2_control': False}, (1.5, 1.5)),
+        ('panda', {}, (0.0, 0.0, 0.0, -1.5708, 0.0, 0.0, 0.0)),
+        ('puma560', {}, ()),
+    ):
+        locks = {'locked': ('finger',), 'locked_positions': (1.0,)} if source is text else {}
+        found = described_robot(Settings(**locks, **chosen), source)
+        assert found.settings.initial_positions == pytest.approx(expected)
+        said = any(line.startswith('initial_positions') for line in found.taken)
+        assert said == (expected != () and 'initial_positions' not in chosen)
+
+
+LIMITS = '<limit lower="{}" upper="{}" velocity="9" effort="90"/>'
+
+
 def follower(name: str, leader: str, rule: str) -> str:
     return zoo_joint(
         name, 'revolute', 'tip', f'{name}_link', extra=f'<mimic joint="{leader}" {rule}/>{LIMIT}'

@@ -173,6 +173,17 @@ def test_set_state_and_reset_set_the_exact_state_and_time_continues() -> None:
     assert arm.run(pd, 0.001).time[0] == pytest.approx(START + 0.013)
 
 
+def test_an_arm_with_stops_starts_inside_them_and_a_state_outside_is_warned_of() -> None:
+    for robot in ('panda', pfd.load_robot('panda')):
+        arm = LockstepArm(robot, joint_limits=True, gravity_compensation=True)
+        motion = arm.run(lambda t, q, qd: np.zeros(7), 0.02)
+        motion.assert_no_limit_hit()
+        assert motion.q[0, 3] == pytest.approx(-1.5708)
+        with pytest.warns(pfd.PhysicsWarning, match="'panda_joint4' is at 0, its stops at -3.07"):
+            arm.set_state({'panda_joint4': 0.0})
+        assert arm.q[3] == 0.0
+
+
 def test_a_saved_state_continues_with_the_same_bits_in_another_arm(tmp_path: Path) -> None:
     arm = ur5(noise_position=1e-3)
     arm.run(pd, 0.05)

@@ -330,6 +330,7 @@ def test_chains_of_impacts_end_and_pass_no_stop(seed: int, stribeck: bool) -> No
         (2.0, -2.0, lambda q, t: bounced(q, t), 1),
     ],
 )
+@pytest.mark.filterwarnings('ignore:.*outside the stops:pfd_core.PhysicsWarning')
 def test_a_joint_that_starts_beyond_its_stop_may_return_and_goes_no_further(
     beyond: float, speed: float, force: float, wanted: Callable[..., float], events: int
 ) -> None:

@@ -323,6 +323,7 @@ RANDOM_CASES = [
 ]
 
 
+@pytest.mark.filterwarnings('ignore:.*outside the stops:pfd_core.PhysicsWarning')
 @pytest.mark.parametrize(('name', 'integrator'), RANDOM_CASES)
 def test_a_and_b_are_differences_of_the_simulation_through_events(
     name: str, integrator: str

@@ -133,7 +133,12 @@ MOTION = pfd.MotorSimulator(ROBOT).new_state()
 # Valid arguments of each public method with parameters.
 METHODS: dict[str, dict[str, dict[str, Any]]] = {
     'AdaptiveTrajectory': {'at': {'times': [0.0]}},
-    'Ensemble': {'linearize': ZEROS, 'reset': {}, 'rollout': {'steps': 2}},
+    'Ensemble': {
+        'linearize': ZEROS,
+        'outside_stops': {'q': ZERO},
+        'reset': {},
+        'rollout': {'steps': 2},
+    },
     'Kernel': {'__call__': ZEROS, 'bind': ZEROS | {'out': OUT}, 'error_estimate': ZEROS},
     'MotorSimulator': {
         'accelerations': {'state': MOTION},
@@ -145,6 +150,7 @@ METHODS: dict[str, dict[str, dict[str, Any]]] = {
         'converted': {'state': MOTION},
         'linearize': ZEROS,
         'new_state': {},
+        'outside_stops': {'q': ZERO},
         'prepare_payload': {'payload': None},
         'reset': {},
         'rollout': {'taus': np.zeros((2, 2))},
@@ -156,6 +162,7 @@ METHODS: dict[str, dict[str, dict[str, Any]]] = {
     'Scene': {'save': {}, 'without': {'names': ()}},
     'Simulator': {
         'linearize': ZEROS,
+        'outside_stops': {'q': ZERO},
         'prepare_payload': {'payload': None},
         'reset': {},
         'rollout': {'taus': np.zeros((2, 2))},
@@ -487,7 +494,7 @@ def test_a_simulation_continues_in_a_fresh_process() -> None:
 @pytest.mark.parametrize('way', COPIES)
 def test_a_copied_ensemble_continues_with_the_same_bits_independently(way: str) -> None:
     many = pfd.Ensemble(pfd.load_robot('planar2'), 5, EVERYTHING)
-    many.reset(np.random.default_rng(1).normal(size=(5, 2)), time=1.0)
+    many.reset(np.random.default_rng(1).uniform(-0.3, 0.4, (5, 2)), time=1.0)
     run = partial(pfd.Ensemble.rollout, steps=10, wrench=WRENCH, brakes=[False, True])
     run(many)
     twin = COPIES[way](many)

@@ -284,8 +284,14 @@ class Simulation(ABC):
             warnings.warn(f'reset(q): {outside}', PhysicsWarning, stacklevel=2)
         self._turn ^= 1
 
-    def outside_stops(self, q: Array) -> str:
-        """Name the joints of positions that lie outside the stops of the scene; '' for none."""
+    def outside_stops(self, q: ArrayLike) -> str:
+        """
+        Return which joints lie outside the stops of the scene, and where; '' for none.
+
+        Of positions (n,) or (B, n), as `reset` takes and warns of them.
+        """
+        names, shape = self._robot.joint_names, (*self._batch, self._robot.n)
+        q = real_array('q', q, self._dtype, shape, broadcast=bool(self._batch), joints=names)
         limits = self._plant.joint_limits
         return '' if limits is None else outside_stops(self._robot, limits, q)
 

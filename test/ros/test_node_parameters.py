@@ -353,3 +353,29 @@ def test_a_start_says_once_what_warnings_of_the_model_say(processes: Processes) 
     (line,) = [line for line in arm.text().splitlines() if silent in line]
     assert line.startswith('[WARN]')
     arm.stop()
+
+
+def test_a_start_and_a_state_outside_the_stops_are_logged_and_the_arm_continues(
+    processes: Processes, peer_of
+) -> None:
+    from sensor_msgs.msg import JointState
+
+    settings = ('robot:=panda', 'joint_limits:=true', 'recording:=arm.mcap')
+    arm = processes.arm(*(part for one in settings for part in ('-p', one)))
+    peer = peer_of(processes)
+    peer.connect()
+    peer.wait(lambda: peer.states)
+    assert peer.states[-1].position[3] == pytest.approx(-1.5708)
+    jumps = peer.node.create_publisher(JointState, '/sim_arm/set_state', 1)
+    peer.wait(jumps.get_subscription_count)
+    jumps.publish(JointState(name=['panda_joint4'], position=[0.0]))
+    arm.wait_for_text("state set on /sim_arm/set_state: outside the stops: joint 'panda_joint4'")
+    peer.wait(lambda: peer.states[-1].position[3] == 0.0)
+    arm.stop()
+    assert 'initial_positions: panda_joint4 at -1.5708, the middle of the limits' in arm.text()
+    assert RecordedLog(processes.folder / 'arm.mcap').settings.initial_positions[3] < -1.5
+    assert verify_log(processes.folder / 'arm.mcap').complete
+    zeros = f'initial_positions:=[{", ".join(["0.0"] * 7)}]'
+    again = processes.arm('-p', 'robot:=panda', '-p', 'joint_limits:=true', '-p', zeros)
+    again.wait_for_text("initial_positions: outside the stops: joint 'panda_joint4' is at 0")
+    again.stop()

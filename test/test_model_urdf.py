@@ -538,13 +538,13 @@ PALLETISER = mimicking(
 @pytest.mark.parametrize(
     ('text', 'choice', 'message'),
     [
-        (PALLETISER, {}, "'level' mimics 'lift'.*lose its motion.*Lock 'lift'"),
-        (PALLETISER, {'tip': 'l1'}, "'level' mimics 'lift', which moves in the chain.*lock both"),
-        (MIMIC_FORK, {'tip': 'left'}, "'right_finger' mimics 'left_finger', which moves"),
+        (PALLETISER, {}, "'level' mimics 'lift'.*lose its motion.*Lock 'lift'.*tip='l0'"),
+        (PALLETISER, {'tip': 'l1'}, "'level' mimics 'lift'.*Lock 'lift'.*tip='l0'"),
+        (MIMIC_FORK, {'tip': 'left'}, "'right_finger' mimics 'left_finger'.*tip='palm'"),
         (
             mimicking(FORK, 'left_finger', 'joint="nobody"'),
             {'tip': 'palm'},
-            "'left_finger' mimics",
+            "'left_finger' mimic what is no joint.*locked={'left_finger': 0.0}",
         ),
     ],
     ids=range(4),

@@ -227,7 +227,7 @@ def find_chain(
             positions,
         )
     for joint in chain:
-        _check_kind(joint)
+        _check_kind(urdf, joint, chain)
     if others:
         return find_chain(urdf, base, tip, {**locked, **_places(urdf, others, locked, chain)})
     to_root: list[Joint] = []
@@ -316,25 +316,51 @@ def _advised_tip(ends: list[Joint], carriers: Mapping[str, Joint | None]) -> str
     return longest[0][same].parent
 
 
-def _check_kind(joint: Joint) -> None:
-    name = quote(joint.name)
+def _check_kind(urdf: Urdf, joint: Joint, chain: list[Joint]) -> None:
     if joint.kind in NOT_A_CHAIN:
         raise ValueError(
-            f'{joint.place}: joint {name} is {joint.kind}, which is not supported: choose a base '
-            f'below it, such as base={quote(joint.child)}, or make it fixed'
+            f'{joint.place}: joint {quote(joint.name)} is {joint.kind}, which is not supported: '
+            f'choose a base below it, such as base={quote(joint.child)}, or make it fixed'
         )
+    if joint.mimic is not None and joint.mimic.leader not in urdf.joints:
+        _refuse_unled([joint])
     if joint.mimic is not None:
-        leader = quote(joint.mimic.leader)
-        raise ValueError(
-            f'{joint.place}: joint {name} mimics {leader}, which is not supported for a joint of '
-            'the chain: locked, it would lose its motion, and the arm would be another one. Lock '
-            f'{leader}, which locks {name} where it follows, or take the <mimic> away, if each '
-            'has a motor'
-        )
+        _refuse_follower(joint, joint.mimic.leader, chain)
+
+
+def _refuse_unled(joints: list[Joint]) -> None:
+    places = {joint.name: _rest(joint) for joint in joints}
+    raise ValueError(
+        f'{joints[0].place}: {quote_all(places)} mimic what is no joint of the URDF: mend the '
+        f'<mimic>, or lock them, {_how_to_lock(places)}'
+    )
+
+
+def _refuse_follower(joint: Joint, leader: str, chain: list[Joint]) -> None:
+    """
+    Refuse a joint that mimics one that moves.
+
+    The motion of a follower would need dynamics of joint positions G q + c of fewer coordinates q,
+    which a Robot, with one joint for each coordinate, does not have.
+    """
+    name, led = quote(leader), quote(joint.name)
+    above = [known.parent for known in chain[1:] if known.name == leader]
+    tip = f', choose a tip above it, such as tip={quote(above[0])}' if above else ''
+    raise ValueError(
+        f'{joint.place}: joint {led} mimics {name}, which is not supported: locked alone, it '
+        f'would lose its motion, and the arm would be another one. Lock {name}, and {led} '
+        f'follows{tip}, or take the <mimic> away, if {led} has a motor of its own'
+    )
 
 
 def _bounds(joint: Joint) -> tuple[float, float]:
     return joint.limits.get('lower', -math.inf), joint.limits.get('upper', math.inf)
+
+
+def _rest(joint: Joint) -> float:
+    """Return the position next to zero [rad, m] within the limits of a joint."""
+    lower, upper = _bounds(joint)
+    return min(max(0.0, lower), upper)
 
 
 def _places(
@@ -350,32 +376,25 @@ def _places(
     todo = list(joints)
     names = [joint.name for joint in todo]
     for joint in todo:
+        if joint.name in at:
+            continue
         if joint.kind in NOT_A_CHAIN:
             raise ValueError(
                 f'{joint.place}: joint {quote(joint.name)}, off the chain, is {joint.kind}, which '
                 'cannot be locked: make it fixed'
             )
         if joint.mimic is None:
-            lower, upper = _bounds(joint)
-            at.setdefault(joint.name, min(max(0.0, lower), upper))
+            at[joint.name] = _rest(joint)
             continue
         leader = urdf.joints.get(joint.mimic.leader)
         if leader is not None and leader.name in moves:
-            name, led = quote(leader.name), quote(joint.name)
-            raise ValueError(
-                f'{joint.place}: joint {led} mimics {name}, which moves in the chain: locked, it '
-                f'would lose its motion, and the arm would be another one. Lock {name}, which '
-                f'locks {led} where it follows, or choose a tip above {name}, or lock both'
-            )
+            _refuse_follower(joint, leader.name, chain)
         if leader is not None and leader not in todo:
             todo.append(leader)
     at = urdf.with_followers(at)
-    for name in names:
-        if name not in at:
-            raise ValueError(
-                f'{urdf.joints[name].place}: joint {quote(name)} mimics a joint that is not in '
-                'the URDF: mend its <mimic>'
-            )
+    unled = [joint for joint in todo if joint.name not in at]
+    if unled:
+        _refuse_unled(unled)
     return {name: at[name] for name in names}
 
 

@@ -71,6 +71,7 @@ if TYPE_CHECKING:
         urdf_of,
         with_payload,
     )
+    from pfd_core.model.packages import find_package
     from pfd_core.model.urdf import Urdf
     from pfd_core.model.urdf_robot import TreeError
     from pfd_core.model.urdf_writer import robot_to_urdf
@@ -118,6 +119,7 @@ __all__ = [
     'compile_kernel',
     'emulate',
     'estimated_armature',
+    'find_package',
     'forward_dynamics',
     'integrate',
     'inverse_dynamics',
@@ -149,6 +151,7 @@ _NAMES = {
         'load_robot load_scene lock locked_joints read_urdf reflected_inertia robot_to_yaml '
         'scene_to_yaml start_positions urdf_of with_payload'
     ),
+    'model.packages': 'find_package',
     'model.urdf_robot': 'TreeError',
     'model.urdf': 'Urdf',
     'model.urdf_writer': 'robot_to_urdf',

@@ -32,8 +32,8 @@ from pfd_core.model.xacro_files import answer
 answer(*sys.argv[2:])
 """
 GIVE = "give others by xacro={'NAME': VALUE}, or `pfd sim --robot FILE NAME:=VALUE`"
-# Characters of a reason, and of an argument with its value in a list of them.
-LONGEST_REASON, LONGEST_ARGUMENT = 2000, 32
+# Characters of a reason, and of an argument with its value; arguments in a list.
+LONGEST_REASON, LONGEST_ARGUMENT, MOST_LISTED = 2000, 32, 8
 
 
 def expanded(path: Path, arguments: Mapping[str, object]) -> str:
@@ -72,7 +72,7 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> str:
     if reason:
         reason = repr(' '.join(reason.split()))[1:-1][:LONGEST_REASON]
         if known and result['of_arguments']:
-            reason += f'; its arguments are {_listed(known)}'
+            reason += f'; its arguments are {_listed(known, reason)}'
             reason += f', {quote_all(unknown)} is none of them' if unknown else ''
             reason += f'; {GIVE}'
         raise ValueError(f'xacro cannot expand {label}: {reason}')
@@ -92,13 +92,14 @@ def _text(name: object, value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def _listed(known: Mapping[str, str | None]) -> str:
-    """Return arguments, those without a value first, with values that are short."""
-    written = {name: f'{name}:={value or ""}' for name, value in known.items()}
-    names = sorted(known, key=lambda name: bool(known[name]))
-    return quote_all(
-        name if len(written[name]) > LONGEST_ARGUMENT else written[name] for name in names
-    )
+def _listed(known: Mapping[str, str | None], reason: str = '') -> str:
+    """Return arguments and short values; first those that the reason shows, or without value."""
+    written = [f'{name}:={value or ""}' for name, value in known.items()]
+    shown = [bool(value) and str(value) not in reason for value in known.values()]
+    both = sorted(zip(shown, written, known, strict=True), key=lambda row: row[0])
+    names = [name if len(text) > LONGEST_ARGUMENT else text for _, text, name in both]
+    more = f' and {len(names) - MOST_LISTED} more' if len(names) > MOST_LISTED else ''
+    return quote_all(names[:MOST_LISTED]) + more
 
 
 class PackageError(Exception):

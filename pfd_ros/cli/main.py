@@ -27,6 +27,8 @@ from pfd_ros.text import one_line
 # Exit status after Ctrl-C, as in shells; and if the reader of the output closed the pipe, as after
 # SIGPIPE.
 INTERRUPTED, CLOSED_PIPE = 130, 141
+# Of the reason why a command fails; that of xacro names files and arguments.
+LONGEST_ERROR = 1000
 NO_ROS = (
     'this command needs ROS 2 (rclpy), which is not installed; '
     "install it with: pip install 'pfd_ros[ros]'"
@@ -107,7 +109,7 @@ def main(args: Sequence[str] | None = None) -> int:
             line = f'{error.filename}: {error.strerror}'
     _close_output()
     if line and sys.stderr is not None:
-        print(one_line(f'pfd {words[0]}: {line}'), file=sys.stderr)
+        print(one_line(f'pfd {words[0]}: {line}', LONGEST_ERROR), file=sys.stderr)
     return status
 
 

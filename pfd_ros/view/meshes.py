@@ -22,6 +22,7 @@ from xml.parsers import expat
 import numpy as np
 import trimesh
 
+import pfd_core as pfd
 from pfd_ros.text import cut, one_line
 
 SUFFIXES = ('.stl', '.dae', '.obj')
@@ -52,13 +53,14 @@ class Meshes:
     """The meshes of a URDF, each file read once, within bounds for all of them together.
 
     Relative paths start from the folder of the URDF, None for a URDF without a file. `packages`
-    are folders of packages, or folders that contain packages. They precede the packages of the
-    environment (AMENT_PREFIX_PATH, ROS_PACKAGE_PATH) and those around the URDF.
+    are folders of packages, or folders that contain packages. They precede what `pfd.find_package`
+    finds, the packages of ROS_PACKAGE_PATH, and folders around the URDF with a package's name.
     """
 
     def __init__(self, folder: Path | None = None, packages: tuple[Path, ...] = ()) -> None:
         self._folder = folder and folder.absolute()
         self._packages = tuple(path.absolute() for path in packages)
+        self._found_packages: dict[str, Path | None] = {}
         self._read: dict[str, list[Painted] | str] = {}
         self._left = {'bytes': MOST_BYTES, 'triangles': MOST_TRIANGLES, 'parts': MOST_PARTS}
 
@@ -120,9 +122,14 @@ class Meshes:
         if name in ('', '.', '..') or inside.startswith('..') or os.path.isabs(inside):
             raise ValueError('the path leaves its package')
         around = () if self._folder is None else (self._folder, *self._folder.parents)
-        folders = [folder for folder in (*self._packages, *around) if folder.name == name]
+        folders = [folder for folder in self._packages if folder.name == name]
         for prefix in self._packages:
             folders += [prefix / name, prefix / 'share' / name]
+        if self._folder is not None:
+            if name not in self._found_packages:
+                self._found_packages[name] = pfd.find_package(name, self._folder)
+            folders += filter(None, [self._found_packages[name]])
+        folders += [folder for folder in around if folder.name == name]
         folders += [folder / name for folder in (*_installed(), *around)]
         there = [folder for folder in folders if folder.is_dir()]
         if not there:

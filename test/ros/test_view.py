@@ -213,11 +213,21 @@ def test_meshes_are_found_by_path_and_package_and_scaled(
     (package / 'meshes').mkdir(parents=True)
     (package / 'meshes' / 'part.stl').write_bytes(box_stl(0.5))
     inside = 'package://some_arm/meshes/part.stl'
+    other = tmp_path / 'src' / 'checkout'
+    (other / 'meshes').mkdir(parents=True)
+    (other / 'meshes' / 'part.stl').write_bytes(box_stl(0.5))
+    (other / 'package.xml').write_text('<package><name>cloned_arm</name></package>')
+    mine = tmp_path / 'src' / 'mine'
+    (mine / 'urdf').mkdir(parents=True)
+    (mine / 'package.xml').write_text('<package><name>my_cell</name></package>')
+    cloned = inside.replace('some_arm', 'cloned_arm')
     found = {
         'beside the URDF': drawn(urdf(mesh('meshes/part.stl')), package),
         'absolute': drawn(urdf(mesh(f'{package}/meshes/part.stl')), package),
         'file': drawn(urdf(mesh(f'file://{package}/meshes/part.stl')), None, package),
         'package of the URDF': drawn(urdf(mesh(inside)), package / 'urdf'),
+        'package.xml above': drawn(urdf(mesh(cloned)), other / 'urdf'),
+        'package.xml beside': drawn(urdf(mesh(cloned)), mine / 'urdf'),
         'given package': drawn(urdf(mesh(inside)), None, package),
         'given folder': drawn(urdf(mesh(inside)), None, tmp_path / 'share'),
         'given prefix': drawn(urdf(mesh(inside)), None, tmp_path),

@@ -51,7 +51,7 @@ setup(
     install_requires=[
         *('numpy', 'pin', 'mcap>=1.6', 'llvmlite>=0.45', 'PyYAML', 'rosbags>=0.11.9'),
         # Most vendors publish their arm as xacro.
-        'xacro>=2.1',
+        'xacro',
     ],
     extras_require={
         # Not in install_requires: on a machine with its own ROS 2 these wheels would lie over it.

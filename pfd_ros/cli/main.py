@@ -28,7 +28,7 @@ from pfd_ros.text import one_line
 # SIGPIPE.
 INTERRUPTED, CLOSED_PIPE = 130, 141
 # Of the reason why a command fails; that of xacro names files and arguments.
-LONGEST_ERROR = 1000
+LONGEST_ERROR = 800
 NO_ROS = (
     'this command needs ROS 2 (rclpy), which is not installed; '
     "install it with: pip install 'pfd_ros[ros]'"

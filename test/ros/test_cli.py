@@ -471,6 +471,19 @@ def test_urdf_prints_the_bytes_that_it_writes_also_where_stdout_is_ascii(tmp_pat
     assert (tmp_path / 'printed').read_text(encoding='utf-8') == named
 
 
+def test_urdf_of_a_xacro_file_takes_its_arguments(tmp_path: Path) -> None:
+    head = '<robot name="$(arg name)" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+    path = tmp_path / 'arm.xacro'
+    path.write_text(re.sub('<robot[^>]*>', head, pfd.urdf_of('planar2')))
+    status, text, _ = command('urdf', str(path), 'name:=my_arm')
+    assert (status, pfd.load_robot(text).name) == (0, 'my_arm')
+    status, _, error = command('urdf', str(path), 'name')
+    assert (status, error) == (
+        1,
+        "pfd urdf: 'name' is no argument of a .xacro file, expected name:=value\n",
+    )
+
+
 @pytest.mark.parametrize('robot', ['ur55', '/nowhere/arm.urdf'])
 def test_urdf_of_an_unknown_robot_is_one_line(robot: str) -> None:
     status, _, error = command('urdf', robot)

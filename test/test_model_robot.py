@@ -593,9 +593,6 @@ def test_missing_and_wrong_files_are_named(tmp_path: Path) -> None:
         pfd.load_robot('puma')
     with pytest.raises(ValueError, match="tip='wrist' cannot be chosen for 'ur5'"):
         pfd.load_robot('ur5', tip='wrist')
-    (tmp_path / 'arm.txt').write_text('robot: x')
-    with pytest.raises(ValueError, match=r'must end in \.urdf'):
-        pfd.load_robot(tmp_path / 'arm.txt')
     (tmp_path / 'arm.yaml').write_bytes(b'\xff\xfe\x00')
     with pytest.raises(ValueError, match='cannot read'):
         pfd.load_robot(tmp_path / 'arm.yaml')

@@ -1288,9 +1288,55 @@ def test_a_missing_and_an_unknown_argument_of_a_xacro_file_is_named(
         pfd.load_robot(path, xacro=xacro)
 
 
+@pytest.mark.parametrize(
+    ('name', 'macros', 'before'),
+    [
+        ('ARM.URDF', False, ''),
+        ('arm', False, '<!-- <sdf> --><?note <mujoco>?>\n'),
+        ('arm.yaml', False, '<?xml version="1.0"?>\n'),
+        ('arm.urdf', True, ''),
+        ('arm.XACRO', True, '<?xml version="1.0"?>\n'),
+        ('arm.txt', True, '\n'),
+    ],
+)
+def test_the_content_of_a_file_decides_what_it_is(
+    tmp_path: Path, name: str, macros: bool, before: str
+) -> None:
+    (tmp_path / 'macros.xacro').write_text(INCLUDED, encoding='utf-8')
+    arm = xacro_file(tmp_path, XACRO_ARM)
+    path = tmp_path / 'other' / name
+    path.parent.mkdir()
+    (path.parent / 'macros.xacro').write_text(INCLUDED, encoding='utf-8')
+    text = XACRO_ARM if macros else pfd.urdf_of(arm)
+    path.write_text(before + text[text.index('<robot') :])
+    assert pfd.load_robot(path) == pfd.load_robot(arm)
+
+
+@pytest.mark.parametrize(
+    ('text', 'words'),
+    [
+        ('<mujoco model="a"><worldbody/></mujoco>', 'MJCF'),
+        ('<?xml version="1.0"?>\n<sdf version="1.9"/>', 'SDF'),
+        ('<!DOCTYPE html>\n<HTML lang="en"></HTML>', 'HTML'),
+        ('version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9', 'git lfs pull'),
+        (' \n', 'empty'),
+        ('<!--' * 20_000, 'not well-formed XML'),
+        ('<?a?>' * 20_000 + '<', 'not well-formed XML'),
+    ],
+)
+@pytest.mark.parametrize('name', ['arm.urdf', 'arm.xacro', 'arm.yaml', 'arm.sdf'])
+def test_a_file_of_another_kind_is_named(tmp_path: Path, name: str, text: str, words: str) -> None:
+    (tmp_path / name).write_text(text)
+    if name == 'arm.xacro':
+        words = f'{words}|xacro cannot expand'
+    with pytest.raises(ValueError, match=words) as caught:
+        pfd.load_robot(tmp_path / name)
+    assert name in str(caught.value)
+
+
 def test_arguments_of_xacro_for_another_source_are_refused() -> None:
     for source in ('puma560', NAMED, pfd.read_urdf(NAMED)):
-        with pytest.raises(ValueError, match=r"xacro, 'mass', are for a \.xacro file"):
+        with pytest.raises(ValueError, match=r"xacro, 'mass', are for a xacro file"):
             pfd.load_robot(source, xacro={'mass': 1})
 
 

@@ -56,8 +56,22 @@ LONGEST_DECLARATION = 200
 # Encodings of Python that no file declares: they take long, or depend on the machine.
 NOT_OF_FILES = {'idna', 'mbcs', 'oem', 'punycode', 'undefined', 'utf-7'}
 NOT_OF_FILES |= {'unicode-escape', 'raw-unicode-escape'}
-NO_XACRO = 'arguments of xacro, {}, are for a .xacro file, and the robot is none'
-URDF, XACRO, YAML = ('.urdf', '.xml'), '.xacro', ('.yaml', '.yml')
+NO_XACRO = 'arguments of xacro, {}, are for a xacro file, and the robot is none'
+URDF, XACRO = 'urdf', 'xacro'
+# A path has one of these, or a folder, or is there; any other word is a name of a robot.
+SUFFIXES = {'.urdf', '.xml', '.xacro', '.yaml', '.yml'}
+# What precedes the first element of an XML, piece by piece, and that element.
+BEFORE_ROOT = re.compile(r'\ufeff|\s*(?:<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>]*>)', re.DOTALL)
+ROOT = re.compile(r'\s*<([\w.:-]+)')
+# A macro, or an expression in a file that declares its language.
+MACRO, LANGUAGE, EXPRESSION = re.compile(r'<\s*xacro:'), 'xmlns:xacro', re.compile(r'\$[({]')
+# What else is at hand under the name of a robot, by its first element, and the way to one.
+OTHER_KINDS = {
+    'mujoco': "MuJoCo's format, MJCF, which is not read: give a URDF of that robot",
+    'sdf': 'SDF, which is not read: give the URDF that it was made from',
+    'html': 'an HTML page: download the file itself, not the page that shows it',
+}
+LFS = 'version https://git-lfs'
 
 
 def known_robots() -> list[str]:
@@ -80,7 +94,7 @@ def load_robot(
     Parameters
     ----------
     source : str, path or Urdf
-        A name of `known_robots`, the path of a .urdf, .xacro or .yaml file, the text of a URDF or
+        A name of `known_robots`, the path of a URDF, xacro or YAML file, the text of a URDF or
         YAML file, or the record of a URDF as `read_urdf` returns it.
     base, tip : str, optional
         First and last link of the chain in a URDF; default: the root link, and the link that the
@@ -119,8 +133,8 @@ def load_robot(
     _check_ends(base, tip)
     urdf: Any = source
     if isinstance(source, (str, PathLike)) or not isinstance(source, load('model.urdf.Urdf')):
-        text, origin, is_urdf = _read(source, xacro)
-        urdf = load('model.urdf.parse_urdf')(text, origin) if is_urdf else None
+        text, origin, kind = _read(source, xacro)
+        urdf = load('model.urdf.parse_urdf')(text, origin, kind == URDF) if kind else None
     elif xacro:
         raise ValueError(NO_XACRO.format(quote_all(xacro)))
     if urdf is not None:
@@ -179,8 +193,8 @@ def read_urdf(
 
     The arguments are as for `load_robot`, and so are the errors; None if it is a robot in YAML.
     """
-    text, origin, is_urdf = _read(source, xacro)
-    urdf: Urdf | None = load('model.urdf.parse_urdf')(text, origin) if is_urdf else None
+    text, origin, kind = _read(source, xacro)
+    urdf: Urdf | None = load('model.urdf.parse_urdf')(text, origin, kind == URDF) if kind else None
     return urdf
 
 
@@ -190,8 +204,8 @@ def urdf_of(source: str | PathLike[str], xacro: Mapping[str, object] | None = No
 
     The arguments are as for `load_robot`, which reads the same robot from the URDF, to rounding.
     """
-    text, origin, is_urdf = _read(source, xacro)
-    if not is_urdf:
+    text, origin, kind = _read(source, xacro)
+    if not kind:
         text = load('model.urdf_writer.robot_to_urdf')(robot_from_yaml(text, origin))
     return text
 
@@ -209,32 +223,51 @@ def load_scene(source: str | PathLike[str]) -> Scene:
     return scene_from_yaml(_text('scene', path), str(path))
 
 
-def _read(source: object, xacro: Mapping[str, object] | None) -> tuple[str, str, bool]:
-    """Return the text of a robot, its origin, and whether it is URDF."""
+def _read(source: object, xacro: Mapping[str, object] | None) -> tuple[str, str, str]:
+    """Return the text of a robot, its origin, and URDF, XACRO for one expanded, or '' for YAML."""
     if not (xacro is None or isinstance(xacro, Mapping)):
         raise ValueError(f'xacro must be a mapping, got {quote(xacro)}')
-    if xacro and (not isinstance(source, (str, PathLike)) or Path(source).suffix != XACRO):
-        raise ValueError(NO_XACRO.format(quote_all(xacro)))
     if isinstance(source, str):
-        if source.lstrip().startswith('<'):
-            return source, 'URDF text', True
-        if '\n' in source:
-            return source, 'YAML text', False
         known = _robot_files().get(source)
-        if known is not None:
-            return known.read_text('utf-8'), str(known), False
-    path, endings = _path(source, 'a name, a path or a string'), (*URDF, XACRO, *YAML)
-    if path.suffix not in endings and _is_there(path):
-        raise ValueError(f'{quote(str(path))} must end in {", ".join(endings)}')
-    if path.suffix not in endings and len(path.parts) == 1:
+        is_urdf = source.lstrip().startswith('<')
+        if is_urdf or '\n' in source or known is not None:
+            if xacro:
+                raise ValueError(NO_XACRO.format(quote_all(xacro)))
+            if known is not None:
+                return known.read_text('utf-8'), str(known), ''
+            return (source, 'URDF text', URDF) if is_urdf else (source, 'YAML text', '')
+    path = _path(source, 'a name, a path or a string')
+    if len(path.parts) == 1 and path.suffix.lower() not in SUFFIXES and not _is_there(path):
         raise ValueError(
             f'unknown robot {quote(str(source))}: known are {", ".join(known_robots())}; or '
-            'give the path of a .urdf, .xacro or .yaml file'
+            'give the path of a URDF, xacro or YAML file'
         )
-    if path.suffix == XACRO:
-        _content('robot', path)
-        return load('model.xacro_files.expanded')(path, xacro or {}), str(path), True
-    return _text('robot', path), str(path), path.suffix in URDF
+    text = _text('robot', path)
+    root = _root_of(text, quote(str(path)))
+    macros = MACRO.search(text) or (LANGUAGE in text and EXPRESSION.search(text))
+    if path.suffix.lower() == '.xacro' or (root and macros):
+        return load('model.xacro_files.expanded')(path, xacro or {}), str(path), XACRO
+    if xacro:
+        raise ValueError(NO_XACRO.format(quote_all(xacro)))
+    return text, str(path), URDF if root else ''
+
+
+def _root_of(text: str, label: str) -> str:
+    """Return the first element of an XML, '' for other text; ValueError for no robot's file."""
+    at = 0
+    while before := BEFORE_ROOT.match(text, at):
+        at = before.end()
+    root = ROOT.match(text, at)
+    name = root[1] if root else ''
+    found = OTHER_KINDS.get(name.lower(), '')
+    if not text.strip():
+        found = 'empty'
+    elif text.startswith(LFS):
+        found = 'a pointer of Git LFS: get the file itself, such as by `git lfs pull`'
+    if found:
+        raise ValueError(f'{label} is {found}')
+    # Text that starts so is XML, whatever it is; its reader says what is wrong.
+    return name or ('<' if text.lstrip().startswith('<') else '')
 
 
 def _path(source: object, expected: str) -> Path:

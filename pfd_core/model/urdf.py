@@ -212,14 +212,14 @@ class Urdf:
             found |= followers
 
 
-def parse_urdf(text: str, source: str = 'URDF text') -> Urdf:
+def parse_urdf(text: str, source: str = 'URDF text', lines: bool = True) -> Urdf:
     """
-    Return the record of a URDF; `source` is the origin of the text.
+    Return the record of a URDF; `source` is the origin of the text, `lines` if it has its lines.
 
     ValueError if the text is no XML or no <robot>, or a link or joint breaks the format. It starts
-    with source and line, but without a line for xacro, whose expansion has other lines.
+    with source and line, but without a line for expanded xacro, which has other lines.
     """
-    root = _root(text, source)
+    root = _root(text, source, lines)
     known = _known(root)
     turned = QUATERNIONS in known['origin']
     links = {
@@ -227,7 +227,7 @@ def parse_urdf(text: str, source: str = 'URDF text') -> Urdf:
         for name, e in _named(root, 'link').items()
     }
     if not links:
-        raise _error(root, 'the URDF has no <link>; if it is xacro, load the .xacro file')
+        raise _error(root, 'the URDF has no <link>')
     joints = {name: _joint(e, name, turned) for name, e in _named(root, 'joint').items()}
     for kind, count in (('links', len(links)), ('joints', len(joints))):
         if count > MOST_LINKS:
@@ -263,7 +263,7 @@ def _place(element: Element) -> Place:
     return element.place
 
 
-def _root(text: str, source: str) -> Element:
+def _root(text: str, source: str, lines: bool) -> Element:
     """Return the <robot> of a text, without entities, which could expand to any size."""
     if len(text) > MOST_CHARACTERS:
         problem = f'the URDF has {len(text)} characters, more than the {MOST_CHARACTERS}'
@@ -273,7 +273,7 @@ def _root(text: str, source: str) -> Element:
     count = depth = 0
 
     def place(line: int) -> Place:
-        return Place(source, 0 if source.endswith('.xacro') else before + line)
+        return Place(source, before + line if lines else 0)
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         nonlocal count, depth

@@ -73,7 +73,7 @@ def _robots(_: argparse.Namespace) -> int:
 
 def _urdf_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        'robot', help='a robot that `pfd robots` lists, or a .urdf, .xacro or .yaml file'
+        'robot', help='a robot that `pfd robots` lists, or a URDF, xacro or YAML file'
     )
     parser.add_argument('words', nargs='*', metavar='NAME:=VALUE', help='arguments of a .xacro')
     parser.add_argument('--out', type=Path, metavar='FILE', help='file to write instead of stdout')

@@ -16,7 +16,7 @@ from pfd_ros.text import LINE_LENGTH, one_line
 from pfd_ros.view.ports import PORT
 
 ANY_LOG = 'MCAP file, .db3 file or folder of rosbag2'
-ROBOT = 'a name that `pfd robots` lists, or a .urdf, .xacro or .yaml file'
+ROBOT = 'a name that `pfd robots` lists, or a URDF, xacro or YAML file'
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 # For a program to end by itself after a signal.
 END_SECONDS = 10

@@ -9,8 +9,10 @@ NAME = 'pfd_ros'
 ROBOTS = glob('config/robots/*')
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp']
 REPORT = ['matplotlib', 'mpmath']
+# Robots of MuJoCo.
+MJCF = ['mujoco>=3.17']
 # Peers of benchmarks other than Pinocchio, Eigen's headers for its C++, and public arms.
-PEERS = ['casadi', 'mujoco>=3.17', 'dynibo', 'cmeel-eigen', 'example-robot-data']
+PEERS = ['casadi', *MJCF, 'dynibo', 'cmeel-eigen', 'example-robot-data']
 # Completion of `pfd` in shells, as ros2 and colcon have it.
 COMPLETION = ['argcomplete']
 # The 3D view: its page, and meshes of URDFs (COLLADA through pycollada).
@@ -57,6 +59,7 @@ setup(
         # Not in install_requires: on a machine with its own ROS 2 these wheels would lie over it.
         'ros': ROS,
         'report': REPORT,
+        'mjcf': MJCF,
         'peers': PEERS,
         'view': VIEW,
         'completion': COMPLETION,

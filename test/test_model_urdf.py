@@ -1315,7 +1315,6 @@ def test_the_content_of_a_file_decides_what_it_is(
 @pytest.mark.parametrize(
     ('text', 'words'),
     [
-        ('<mujoco model="a"><worldbody/></mujoco>', 'MJCF'),
         ('<?xml version="1.0"?>\n<sdf version="1.9"/>', 'SDF'),
         ('<!DOCTYPE html>\n<HTML lang="en"></HTML>', 'HTML'),
         ('version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9', 'git lfs pull'),

@@ -9,6 +9,7 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     rotors              rotors behind gears: their inertia at the joint
     packages            folders of ROS packages: installed, or by their package.xml in a checkout
     xacro_files         the URDF of a xacro file and its arguments, expanded in another process
+    mjcf                the URDF of a MuJoCo model, compiled by the package mujoco
     urdf                URDF string -> Urdf, the one record for all readers; rotors
     urdf_robot          the chain of joints of a URDF that move, welded, as a Robot
     urdf_writer         robots as URDF
@@ -24,7 +25,7 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     stops               the default start of a robot; the states outside its stops
     values              numbers, names and arrays, checked, and as errors quote them
 
-URDF and xacro are read by modules that `loading` imports at the first such file.
+URDF, xacro and MJCF are read by modules that `loading` imports at the first such file.
 
 A new effect of a joint is a record in `effects` and a field of Scene; all else follows from them.
 An effect of the motors has its torque in pfd_core.dynamics.drives as well.

@@ -57,7 +57,7 @@ LONGEST_DECLARATION = 200
 NOT_OF_FILES = {'idna', 'mbcs', 'oem', 'punycode', 'undefined', 'utf-7'}
 NOT_OF_FILES |= {'unicode-escape', 'raw-unicode-escape'}
 NO_XACRO = 'arguments of xacro, {}, are for a xacro file, and the robot is none'
-URDF, XACRO = 'urdf', 'xacro'
+URDF, XACRO, MJCF = 'urdf', 'xacro', 'mujoco'
 # A path has one of these, or a folder, or is there; any other word is a name of a robot.
 SUFFIXES = {'.urdf', '.xml', '.xacro', '.yaml', '.yml'}
 # What precedes the first element of an XML, piece by piece, and that element.
@@ -67,7 +67,6 @@ ROOT = re.compile(r'\s*<([\w.:-]+)')
 MACRO, LANGUAGE, EXPRESSION = re.compile(r'<\s*xacro:'), 'xmlns:xacro', re.compile(r'\$[({]')
 # What else is at hand under the name of a robot, by its first element, and the way to one.
 OTHER_KINDS = {
-    'mujoco': "MuJoCo's format, MJCF, which is not read: give a URDF of that robot",
     'sdf': 'SDF, which is not read: give the URDF that it was made from',
     'html': 'an HTML page: download the file itself, not the page that shows it',
 }
@@ -224,7 +223,7 @@ def load_scene(source: str | PathLike[str]) -> Scene:
 
 
 def _read(source: object, xacro: Mapping[str, object] | None) -> tuple[str, str, str]:
-    """Return the text of a robot, its origin, and URDF, XACRO for one expanded, or '' for YAML."""
+    """Return the text of a robot, its origin, and its kind; '' for YAML, else the text is URDF."""
     if not (xacro is None or isinstance(xacro, Mapping)):
         raise ValueError(f'xacro must be a mapping, got {quote(xacro)}')
     if isinstance(source, str):
@@ -249,6 +248,8 @@ def _read(source: object, xacro: Mapping[str, object] | None) -> tuple[str, str,
         return load('model.xacro_files.expanded')(path, xacro or {}), str(path), XACRO
     if xacro:
         raise ValueError(NO_XACRO.format(quote_all(xacro)))
+    if root == MJCF:
+        return load('model.mjcf.urdf_of_mjcf')(path), str(path), MJCF
     return text, str(path), URDF if root else ''
 
 

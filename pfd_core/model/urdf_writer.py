@@ -45,7 +45,7 @@ def robot_to_urdf(robot: Robot) -> str:
             above += '_'
         _add(root, 'link', name=above)
         at = robot.root_rotation, np.zeros(3)
-        _add_connection(root, f'{robot.base}_fixed', 'fixed', above, robot.base, at)
+        add_connection(root, f'{robot.base}_fixed', 'fixed', above, robot.base, at)
     # The end of each link, which is the axis of the next joint, in the link's own frame.
     ends: list[Placement] = [(robot.base_rotation, robot.base_position)]
     for i, joint in enumerate(robot.joint_names):
@@ -60,10 +60,10 @@ def robot_to_urdf(robot: Robot) -> str:
         if name != robot.base:
             at = chained(ends[frame.link], frame.placement) if frame.link else frame.placement
             _add(root, 'link', name=name)
-            _add_connection(root, f'{name}_fixed', 'fixed', names[frame.link], name, at)
+            add_connection(root, f'{name}_fixed', 'fixed', names[frame.link], name, at)
     for i, joint in enumerate(robot.joint_names):
         if 'armature' in (numbers := stated(robot, i)):
-            _add_rotor(root, joint, numbers['armature'])
+            add_rotor(root, joint, numbers['armature'])
     ElementTree.indent(root)
     text = f'<?xml version="1.0"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
     try:
@@ -77,16 +77,16 @@ def _add_link(root: ElementTree.Element, robot: Robot, i: int, name: str) -> Non
     R, p = robot.rotations[i], robot.translations[i]
     J = product(R, robot.inertias[i], R.T)
     inertial = _add(_add(root, 'link', name=name), 'inertial')
-    _add(inertial, 'origin', xyz=_text(p + product(R, robot.centers[i])), rpy='0 0 0')
-    _add(inertial, 'mass', value=_text([robot.masses[i]]))
-    _add(inertial, 'inertia', _texts({key: J[ELEMENTS[key[1:]]] for key in INERTIA_KEYS}))
+    _add(inertial, 'origin', xyz=written(p + product(R, robot.centers[i])), rpy='0 0 0')
+    _add(inertial, 'mass', value=written([robot.masses[i]]))
+    _add(inertial, 'inertia', all_written({key: J[ELEMENTS[key[1:]]] for key in INERTIA_KEYS}))
 
 
 def _add_joint(
     root: ElementTree.Element, robot: Robot, i: int, parent: str, child: str, at: Placement
 ) -> None:
     kind = robot.joint_types[i]
-    joint = _add_connection(root, robot.joint_names[i], kind, parent, child, at)
+    joint = add_connection(root, robot.joint_names[i], kind, parent, child, at)
     _add(joint, 'axis', xyz='0 0 1')
     numbers = stated(robot, i)
     limits = {key: numbers.get(key, UNSTATED[field]) for key, field in LIMIT_FIELDS.items()}
@@ -95,31 +95,32 @@ def _add_joint(
     if kind != 'continuous' or min(limits.values()) < math.inf:
         for key, limit in limits.items():
             limits[key] = min(max(limit, -LARGEST_LIMIT), LARGEST_LIMIT)
-        _add(joint, 'limit', _texts(limits))
+        _add(joint, 'limit', all_written(limits))
     losses = {key: x for key, x in numbers.items() if key in ('damping', 'friction')}
     if losses:
-        _add(joint, 'dynamics', _texts(losses))
+        _add(joint, 'dynamics', all_written(losses))
 
 
-def _add_connection(
+def add_connection(
     root: ElementTree.Element, name: str, kind: str, parent: str, child: str, at: Placement
 ) -> ElementTree.Element:
     """Add a joint between two links, and return it."""
     joint = _add(root, 'joint', name=name, type=kind)
     _add(joint, 'parent', link=parent)
     _add(joint, 'child', link=child)
-    _add(joint, 'origin', xyz=_text(at[1]), rpy=_text(_roll_pitch_yaw(at[0])))
+    _add(joint, 'origin', xyz=written(at[1]), rpy=written(_roll_pitch_yaw(at[0])))
     return joint
 
 
-def _add_rotor(root: ElementTree.Element, joint: str, inertia: float) -> None:
+def add_rotor(root: ElementTree.Element, joint: str, inertia: float) -> None:
+    """Add a transmission with the inertia of a rotor at its joint [kg m^2 or kg]."""
     transmission = _add(root, 'transmission', name=f'{joint}_transmission')
     _add(transmission, 'type').text = 'transmission_interface/SimpleTransmission'
     interface = _add(_add(transmission, 'joint', name=joint), 'hardwareInterface')
     interface.text = 'hardware_interface/EffortJointInterface'
     actuator = _add(transmission, 'actuator', name=f'{joint}_motor')
     _add(actuator, 'mechanicalReduction').text = '1.0'
-    _add(actuator, 'motorInertia').text = _text([inertia])
+    _add(actuator, 'motorInertia').text = written([inertia])
 
 
 def _roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
@@ -132,10 +133,11 @@ def _roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
     return math.atan2(zy, zz), pitch, math.atan2(yx, xx)
 
 
-def _texts(numbers: Mapping[str, float]) -> dict[str, str]:
-    return {key: _text([number]) for key, number in numbers.items()}
+def all_written(numbers: Mapping[str, float]) -> dict[str, str]:
+    """Return each number as a string, exact to the last bit."""
+    return {key: written([number]) for key, number in numbers.items()}
 
 
-def _text(numbers: Iterable[float]) -> str:
+def written(numbers: Iterable[float]) -> str:
     """Return numbers as a string, exact to the last bit."""
     return ' '.join(repr(float(number)) for number in numbers)

@@ -218,11 +218,12 @@ def find_chain(
         # Followers need no advice: they follow.
         led = {joint.name for joint in rest if joint.mimic and joint.mimic.leader in positions}
         positions = {name: x for name, x in positions.items() if name not in led}
+        all_of_them = ' (TreeError.positions)' if len(positions) > MOST_NAMES else ''
         raise TreeError(
             f'{label} is a tree, not a chain: it ends in joints '
             f'{quote_all(j.name for j in ends)}; choose one end, such as tip={quote(chosen)} (and '
             'a base, if the ends part at a link that should stand still), or lock the others, '
-            f'{_how_to_lock(positions)}',
+            f'{_how_to_lock(positions)}' + all_of_them,
             chosen,
             positions,
         )
@@ -400,8 +401,9 @@ def _places(
 
 def _how_to_lock(positions: Mapping[str, float]) -> str:
     pairs = [f'{quote(name)}: {x}' for name, x in positions.items()]
-    more = ', ...' if len(pairs) > MOST_NAMES else ''
-    return f'locked={{{", ".join(pairs[:MOST_NAMES])}{more}}}'
+    # What is written can be copied, also where it is not all.
+    more = f' and so on, {len(pairs)} joints' if len(pairs) > MOST_NAMES else ''
+    return f'locked={{{", ".join(pairs[:MOST_NAMES])}}}{more}'
 
 
 def _warn_of_locks(urdf: Urdf, chain: Chain, given: Mapping[str, float]) -> None:

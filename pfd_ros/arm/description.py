@@ -145,9 +145,9 @@ def described_robot(settings: Settings, source: str | pfd.Urdf) -> DescribedRobo
         if stated:
             filled = with_locks(settings, urdf, stated)
             robot = load_robot(filled, urdf)
-            chosen['locked_positions'] = filled.locked_positions
-    filled = replace(filled, **chosen)
+            chosen['locked_positions'] = tuple(stated.values())
     taken = tuple(f'{name} from <ros2_control>: {list(chosen[name])}' for name in chosen)
+    filled = replace(filled, **chosen | {'locked_positions': filled.locked_positions})
     given = {**dict(zip(names, filled.initial_positions, strict=False)), **filled.locks}
     off = [name for name, position in at.items() if given.get(name, position) != position]
     warnings = control.warnings

@@ -132,7 +132,7 @@ def test_a_process_with_a_bad_parameter_ends_so_too(processes: Processes) -> Non
         (
             SIM,
             ('--robot', 'ur5', 'name:=ur'),
-            "sim_arm: arguments of xacro, 'name', are for a .xacro file, and the robot is none",
+            "sim_arm: arguments of xacro, 'name', are for a xacro file, and the robot is none",
         ),
         (SIM, ('ur5',), "sim_arm: unknown arguments ['ur5']; parameters follow --ros-args -p"),
     ],

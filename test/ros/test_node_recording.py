@@ -135,7 +135,9 @@ def test_a_flood_of_commands_drops_the_oldest_of_them_and_no_request(
     peer.wait(lambda: peer.states and any(peer.states[-1].effort))
     assert peer.states[-1].effort.tolist() == [1e-6 * (count - 1)] * 6
     arm.stop()
-    assert '101 messages on /sim_arm/commands rejected: overflowed' in arm.text()
+    # In one line or, on a busy machine, several.
+    lines = re.findall(r'(\d+) messages on /sim_arm/commands rejected: overflowed', arm.text())
+    assert sum(map(int, lines)) == 101
     path = processes.folder / 'arm.mcap'
     assert verify_log(path).complete
     taken = [(m.role, m.cycle) for m in RecordedLog(path).messages() if m.cycle == 1]

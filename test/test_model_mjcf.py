@@ -135,7 +135,7 @@ def test_what_a_robot_lacks_of_a_model_is_named(
         (ONE.format('a', 'ref="20"'), "'a' has a `ref`"),
         (ONE.format('a', 'type="free"'), "joint 'a' is floating"),
         ('<body><geom type="mesh" mesh="none"/></body>', 'MuJoCo cannot compile'),
-        ('<body><geom size="0.1"/></body>', 'no joint moves'),
+        ('<body><geom size="0.1"/></body>', 'MuJoCo has no joint'),
     ],
 )
 def test_a_model_that_is_no_arm_is_refused(tmp_path: Path, body: str, words: str) -> None:

@@ -50,6 +50,8 @@ def urdf_of_mjcf(path: Path) -> str:
     except ValueError as error:
         reason = ' '.join(str(error).split())[:LONGEST_REASON]
         raise ValueError(f'MuJoCo cannot compile {label}: {reason}') from error
+    if not model.njnt:
+        raise ValueError(f'{label}: this model of MuJoCo has no joint')
     lost = sorted({*_lost(model)})
     if lost:
         warnings.warn(

@@ -338,7 +338,7 @@ PATCHED = {
     # pfd_core.machine: operations, programs, lanes, the emulator
     'Recorder_init': 'pfd_core.machine.recorder:Recorder.__init__',
     # pfd_core.model: robots, scenes, the effects and the plant made of both
-    'XACRO_MOST_SECONDS': 'pfd_core.model.xacro_files:XACRO_SECONDS',
+    'XACRO_MOST_SECONDS': 'pfd_core.model.apart:SECONDS',
     # pfd_core.kernels: passes, LLVM IR, native code
     'GENERATE_LONGEST': 'pfd_core.kernels.generate:LONGEST',
     'GENERATE_PART': 'pfd_core.kernels.generate:PART',

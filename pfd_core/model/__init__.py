@@ -8,7 +8,8 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
                         papers, and robots stored exactly
     rotors              rotors behind gears: their inertia at the joint
     packages            folders of ROS packages: installed, or by their package.xml in a checkout
-    xacro_files         the URDF of a xacro file and its arguments, expanded in another process
+    apart               programs that make a URDF of a file, in another process with a bound
+    xacro_files         the URDF of a xacro file and its arguments, by the package xacro
     mjcf                the URDF of a MuJoCo model, compiled by the package mujoco
     urdf                URDF string -> Urdf, the one record for all readers; rotors
     urdf_robot          the chain of joints of a URDF that move, welded, as a Robot

@@ -13,15 +13,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from importlib import import_module
 import importlib.util
+import json
 import math
 from pathlib import Path
+import sys
 from typing import Any
 import warnings
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 
-from pfd_core.forking import no_fork
+from pfd_core.model.apart import answer_of
 from pfd_core.model.robot import PhysicsWarning
 from pfd_core.model.urdf import INERTIA_KEYS, LARGEST_LIMIT
 from pfd_core.model.urdf_writer import add_connection, add_rotor, all_written, written
@@ -43,23 +45,30 @@ def urdf_of_mjcf(path: Path) -> str:
             f"{label} is MuJoCo's format, MJCF, which needs the package mujoco: run "
             '`pip install mujoco`, or give a URDF of that robot'
         )
-    with no_fork:
-        mujoco: Any = import_module('mujoco')
-    try:
-        model = mujoco.MjModel.from_xml_path(str(path))
-    except ValueError as error:
-        reason = ' '.join(str(error).split())[:LONGEST_REASON]
-        raise ValueError(f'MuJoCo cannot compile {label}: {reason}') from error
-    if not model.njnt:
-        raise ValueError(f'{label}: this model of MuJoCo has no joint')
-    lost = sorted({*_lost(model)})
-    if lost:
+    result = answer_of(__name__, [str(path.absolute())], 'MuJoCo', label)
+    if result['reason']:
+        raise ValueError(f'{label}: {result["reason"]}')
+    if result['lost']:
         warnings.warn(
-            f'{label}: not in the robot, since a URDF has none: {", ".join(lost)}',
+            f'{label}: not in the robot, since a URDF has none: {", ".join(result["lost"])}',
             PhysicsWarning,
             stacklevel=4,
         )
-    return _urdf(model, label)
+    text: str = result['text']
+    return text
+
+
+def answer(path: str) -> None:
+    """Compile a model in this process, which ends after it, and write the result as JSON."""
+    mujoco: Any = import_module('mujoco')
+    text, reason, lost, step = '', '', [], 'MuJoCo cannot compile it: '
+    try:
+        model = mujoco.MjModel.from_xml_path(path)
+        step = ''
+        text, lost = _urdf(model), sorted({*_lost(model)})
+    except ValueError as error:
+        reason = step + ' '.join(str(error).split())[:LONGEST_REASON]
+    sys.stdout.write(json.dumps({'text': text, 'reason': reason, 'lost': lost}))
 
 
 def _lost(model: Any) -> Iterator[str]:
@@ -83,7 +92,9 @@ def _lost(model: Any) -> Iterator[str]:
         yield f'gravity {model.opt.gravity.tolist()}, which a scene sets'
 
 
-def _urdf(model: Any, label: str) -> str:
+def _urdf(model: Any) -> str:
+    if not model.njnt:
+        raise ValueError('this model of MuJoCo has no joint')
     bodies, joints, sites = (_names(model, kind) for kind in ('body', 'joint', 'site'))
     taken = {*bodies}
     root = ElementTree.Element('robot', name=_text_at(model, 0))
@@ -102,7 +113,7 @@ def _urdf(model: Any, label: str) -> str:
             # The first joint turns the body, the next ones only lie elsewhere.
             offset = R @ model.jnt_pos[j] if j == own[0] else model.jnt_pos[j] - frame
             origin = (R, here + offset) if j == own[0] else (np.eye(3), offset)
-            _add_joint(root, model, j, joints[j], (link, name), origin, label)
+            _add_joint(root, model, j, joints[j], (link, name), origin)
             link, frame = name, model.jnt_pos[j].copy()
         if not own:
             add_connection(root, f'{bodies[i]}_fixed', 'fixed', link, bodies[i], (R, here))
@@ -138,17 +149,16 @@ def _add_joint(
     name: str,
     links: tuple[str, str],
     origin: tuple[Array, Array],
-    label: str,
 ) -> None:
     kind, dof = model.jnt_type[j], model.jnt_dofadr[j]
     if kind == FREE:
         add_connection(root, name, 'floating', *links, origin)
         return
     if kind == BALL:
-        raise ValueError(f'{label}: joint {quote(name)} is a ball, which is not supported')
+        raise ValueError(f'joint {quote(name)} is a ball, which is not supported')
     if model.qpos0[model.jnt_qposadr[j]]:
         raise ValueError(
-            f'{label}: joint {quote(name)} has a `ref`, which a URDF lacks: take it away, and '
+            f'joint {quote(name)} has a `ref`, which a URDF lacks: take it away, and '
             'turn the body by it'
         )
     limited = bool(model.jnt_limited[j])

@@ -3,9 +3,8 @@
 """
 The URDF of a xacro file, by the package xacro.
 
-A xacro file is a program, which may not end: it is expanded in another process with a bound on its
-time. There `$(find NAME)` asks this project for the folder of a package, since the index that
-xacro asks exists only where ROS is installed.
+In the process that expands a file, `$(find NAME)` asks this project for the folder of a package,
+since the index that xacro asks exists only where ROS is installed.
 """
 
 from __future__ import annotations
@@ -19,18 +18,10 @@ from types import ModuleType
 from typing import Any
 
 from pfd_core.forking import no_fork
+from pfd_core.model.apart import answer_of
 from pfd_core.model.packages import find_package
 from pfd_core.model.values import quote, quote_all
 
-# The description of a UR or Panda takes 0.3 to 0.5 s.
-XACRO_SECONDS = 60.0
-# The other process imports from where this one does.
-SCRIPT = """
-import json, sys
-sys.path[:] = json.loads(sys.argv[1])
-from pfd_core.model.xacro_files import answer
-answer(*sys.argv[2:])
-"""
 GIVE = "give others by xacro={'NAME': VALUE}, or `pfd sim --robot FILE NAME:=VALUE`"
 # Characters of a reason, and of an argument with its value; arguments in a list.
 LONGEST_REASON, LONGEST_ARGUMENT, MOST_LISTED = 2000, 32, 8
@@ -40,7 +31,6 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> str:
     """Return the URDF of a xacro file and its arguments; ValueError if there is none."""
     with no_fork:
         from importlib.util import find_spec
-        import subprocess
 
     label = quote(str(path))
     given = {name: _text(name, value) for name, value in arguments.items()}
@@ -50,23 +40,8 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> str:
             f'{label} needs the package xacro, which is not installed: run `pip install xacro` '
             'or `apt install ros-jazzy-xacro`'
         )
-    words = [json.dumps([*map(str, sys.path)]), str(path.absolute()), json.dumps(given)]
-    try:
-        # Warnings of xacro go to stderr.
-        done = subprocess.run(
-            [sys.executable, '-c', SCRIPT, *words],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            timeout=XACRO_SECONDS,
-            check=False,
-        )
-    except subprocess.TimeoutExpired as error:
-        raise ValueError(
-            f'xacro did not expand {label} within {XACRO_SECONDS:g} s; it was stopped'
-        ) from error
-    if done.returncode:
-        raise ValueError(f'xacro cannot expand {label}: it ended with status {done.returncode}')
-    result = json.loads(done.stdout)
+    words = str(path.absolute()), json.dumps(given)
+    result = answer_of(__name__, words, 'xacro', label)
     known, reason = result['known'], result['reason']
     unknown = [name for name in given if name not in known]
     if reason:

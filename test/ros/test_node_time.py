@@ -272,8 +272,12 @@ def test_an_arm_follows_a_clock_forwards_only_and_logs_its_loss(
         (start + 3600 * SECOND, 'more than 100000 steps behind: call ~/reset to set its time'),
     ):
         seen = len(peer.states)
-        leader.tick(wrong)
-        arm.wait_for_text(text)
+
+        def refused(stamp: int = wrong, line: str = text) -> bool:
+            leader.tick(stamp)
+            return line in arm.text()
+
+        peer.wait(refused)
         assert len(peer.states) == seen
     reaches(start + 200 * MILLISECOND)
     assert (np.diff(stamps(peer.states)) > 0).all()

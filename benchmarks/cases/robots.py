@@ -23,6 +23,7 @@ from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 from typing import Any
+import warnings
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -80,7 +81,10 @@ def robot(name: str) -> Robot:
         if name.startswith(kind) and name[len(kind) :].isdigit():
             return make(int(name[len(kind) :]))
     if name in PUBLIC:
-        return load_robot(public_file(name), right_angle=TRUNCATED)
+        with warnings.catch_warnings():
+            # The frame at the SO-101's tip states an origin, which no link has.
+            warnings.filterwarnings('ignore', '.*not read: .*gripper_frame_link.*origin')
+            return load_robot(public_file(name), right_angle=TRUNCATED)
     return load_robot(stored_text('so100.urdf') if name == 'so100' else name)
 
 

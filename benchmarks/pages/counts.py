@@ -187,7 +187,6 @@ def text(data: dict[str, Any]) -> str:
         **conjugate.thresholds(data['reached'], data['statuses']),
         within=f'{conjugate.WITHIN:g}',
         roundings=f'{ROUNDINGS:g}',
-        right=conjugate.RIGHT,
         statuses=table(STATUSES, conjugate.summary(data['statuses'])),
         reached=grid(
             {(x['n'], 'after n'): AFTER_N.format(**x) for x in data['reached']}
@@ -262,7 +261,7 @@ STATUSES: Columns = {
     'method': 'method',
     'chains': 'chains',
     'ok': 'ok',
-    'worst error of these': lambda x: f'{x["worst"]:.0f} roundings x condition, {x["error"]:.0e}',
+    'worst error of these': lambda x: f'{x["worst"]:.2f} of what ok allows, {x["error"]:.0e}',
     'other status': 'refused',
     'of these right': 'right',
     'of these with an error below 1e-6': 'small',

@@ -60,13 +60,15 @@ class Run:
         Estimate of the relative error of qdd, of a batch the largest: `max|H^-1 r|` over the
         largest of `|qdd|` and `|H^-1 tau|`, where r is the torque that qdd misses. Infinite where
         r is not finite.
+    allowed : float
+        Largest error of a right answer: 250 units of rounding (of float64 also with `digits`)
+        times the condition of H, scaled to ones on its diagonal, and the rounding of torques of
+        gravity that cancel; at most 0.005. Of a batch the smallest.
     status : str
-        'ok' of any method: `error` is at most 250 units of rounding (of float64 also with
-        `digits`) times the condition of H, scaled to ones on its diagonal, and at most 0.005;
-        torques of gravity that cancel may add their rounding. Else 'not_positive_definite' if H
-        is singular, also if only up to rounding, or a pivot was not above zero; 'not_finite';
+        'ok' of any method: `error` is at most `allowed`. Else 'not_positive_definite' if H is
+        singular, also if only up to rounding, or a pivot was not above zero; 'not_finite';
         'not_converged' of an iterative method, also if it ran into its limit; 'inaccurate' of a
-        direct one; 'wrong' of the printed edition. Of a batch, all answers must be right.
+        direct one; 'wrong' of the printed edition. Of a batch, each answer must be right.
     iterations, cycles : int or None
         Iterations of an iterative method (of a batch, the most), cycles of the array; None for
         the others.
@@ -80,6 +82,7 @@ class Run:
     steps_by_section: dict[str, Steps]
     utilisation: float
     error: float
+    allowed: float
     status: str
     iterations: int | None
     cycles: int | None
@@ -194,7 +197,7 @@ def emulate(
     # Outside the counted program, and with no fewer digits than float64.
     found = run(check, inputs | {'qdd': result['qdd']}, 'float64', digits)
     most = _at_most(plant, np.asarray(inputs['q'], np.float64))
-    error, bound, singular = _error(
+    error, allowed, singular = _error(
         result['qdd'], found, inputs.get('free'), dtype, most, bool(digits)
     )
     iterations = None
@@ -215,7 +218,8 @@ def emulate(
         steps_by_section={name: own for name, own in sections.items() if own != Steps()},
         utilisation=work / (arithmetic(steps) * units) if arithmetic(steps) else 0.0,
         error=float(np.max(error, initial=0.0)),
-        status=_status(result, printed, bool(np.any(singular)), bool(np.all(error <= bound))),
+        allowed=float(np.min(allowed, initial=CORRECTION)),
+        status=_status(result, printed, bool(np.any(singular)), bool(np.all(error <= allowed))),
         iterations=iterations,
         cycles=solve_cycles(robot.n) if method == 'pcrbm_array' else None,
         program=program,
@@ -281,7 +285,7 @@ def _error(
     Return the error of accelerations, the largest of a right answer, and whether H is singular.
 
         error = max|H^-1 r| / scale,  scale = max(|qdd|, |H^-1 tau|)           as in Run
-        bound = u (ROUNDINGS cond(H) + NOISE n max(|H^-1| G) / scale);  at most CORRECTION
+        allowed = u (ROUNDINGS cond(H) + NOISE n max(|H^-1| G) / scale);  at most CORRECTION
         singular   S^-1/2 H S^-1/2 has an eigenvalue of at most NOISE n units of float64
 
     with H scaled to ones on its diagonal for its condition, and S and G of _at_most. A pivot that
@@ -318,9 +322,9 @@ def _error(
         scale = np.maximum(abs(qdd).max(-1), most_of(inverse, tau))
         error = np.where(missing == 0, 0.0, np.where(sound[..., 0], missing / scale, np.inf))
         condition = abs(values).max(-1) / abs(values).min(-1)
-        bound = unit * (ROUNDINGS * condition + NOISE * n * most_of(abs(inverse), G) / scale)
+        allowed = unit * (ROUNDINGS * condition + NOISE * n * most_of(abs(inverse), G) / scale)
     error = np.where(np.isnan(error), np.inf, error)
-    return error, np.fmin(bound, CORRECTION), singular
+    return error, np.fmin(allowed, CORRECTION), singular
 
 
 def _scaled(H: Array, diagonal: Array) -> Array:

@@ -17,6 +17,7 @@ from typing import Any
 
 import pfd_core as pfd
 from pfd_core.dynamics.methods import FORWARD
+from pfd_core.dynamics.quantities import EVERYTHING, QUANTITIES, UNBRAKED
 import pfd_ros
 from pfd_ros import testing
 from pfd_ros.arm.events import ROLES
@@ -178,13 +179,55 @@ def _effects() -> str:
             cell(field.text),
             cell(field.unit),
             cell(field.sliding_unit),
+            cell(effect.acts),
             'yes' if field.model else '',
         )
         for effect in pfd.EFFECTS
         for field in effect.fields
     ]
-    head = ('effect', 'field of `Scene`', 'meaning', 'unit, turning', 'unit, sliding', "`'model'`")
+    head = (
+        'effect',
+        'field of `Scene`',
+        'meaning',
+        'unit, turning',
+        'unit, sliding',
+        'acts on',
+        "`'model'`",
+    )
     return table(head, rows)
+
+
+# Quantities: what the result of each is; everything else is in their table.
+RESULTS = {
+    'forward_dynamics': 'accelerations qdd',
+    'derivatives': 'd qdd / d (q, qd, tau)',
+    'inverse_dynamics': 'commanded torques tau, without limits of the motors',
+    'inertia_matrix': 'H, with the rotors',
+    'bias_torques': 'inverse dynamics at qdd = 0',
+    'gravity_torques': 'g, with springs and cogging',
+    'energy': 'kinetic and potential energy [J]',
+    'wrench_torques': "J' k of a wrench k on the frame, in its axes, about its origin",
+    'tip_pose': 'homogeneous transform of the frame to the base link',
+    'tip_jacobian': "J of the frame's origin, linear first, in axes of the base link",
+    'tip_velocity': 'J qd',
+}
+
+
+def _quantities() -> str:
+    assert RESULTS.keys() == QUANTITIES.keys()
+    shared = {EVERYTHING: 'all', UNBRAKED: 'all but brakes', (): 'none'}
+    rows = [
+        (
+            code(name),
+            code(', '.join((*row.arguments, *['wrench='] * row.wrench))),
+            cell(RESULTS[name]),
+            code(f'({", ".join(map(str, row.shape))}{"," * (len(row.shape) == 1)})'),
+            shared.get(row.effects, ', '.join(map(code, row.effects))),
+            'yes' if row.of_frame else '',
+        )
+        for name, row in QUANTITIES.items()
+    ]
+    return table(('quantity', 'arguments', 'result', 'shape', 'effects', 'of a frame'), rows)
 
 
 # Methods.
@@ -295,6 +338,7 @@ TABLES = {
     'commands': _commands,
     'extras': _extras,
     'effects': _effects,
+    'quantities': _quantities,
     'methods': _methods,
     'channels': _channels,
     'keys': _keys,

@@ -26,8 +26,8 @@ Only `node`, `testing`, `demo`, `view.live`, `cli.send` and `replay.publish` imp
 To change or add
 
     an input                a row of arm.events.ROLES, a rule in arm.engine.RULES
-    a published topic       a row of arm.events.ROLES; a line of config/sim_arm.yaml (`outputs`)
-                            and of docs/guides/node.md, a case of test/ros/test_arm_outputs.py.
+    a published topic       a row of arm.events.ROLES; a line of config/sim_arm.yaml (`outputs`),
+                            a case of test/ros/test_arm_outputs.py.
                             With a quantity of the model in the row, arm.plant compiles it and
                             arm.outputs writes it without further code; a new quantity is a row of
                             pfd_core.dynamics.quantities. Others have a writer in arm.outputs. A

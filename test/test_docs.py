@@ -9,9 +9,12 @@ from contextlib import redirect_stdout
 from functools import cache
 import io
 from io import StringIO
+import os
 from pathlib import Path
 import re
+import runpy
 import shlex
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from bridge import pfd_commands_of, pfd_parser, resolve_plant
@@ -45,8 +48,6 @@ RUN = {
     ('README.md', 'py'): 'test_testing_artifacts.py',
     ('README.md', 'python'): 'test_docs.py',
     ('docs/install.md', 'sh'): 'test_site.py',
-    ('docs/guides/node.md', 'sh'): 'test_docs.py',
-    ('docs/guides/library.md', 'py'): 'test_docs.py',
     ('docs/guides/testing-a-controller.md', 'py'): 'test_testing_artifacts.py',
     ('docs/examples/controller_package/README.md', 'sh'): 'test_testing_artifacts.py',
 }
@@ -116,7 +117,7 @@ def test_every_block_of_code_is_run_by_a_test(name: str) -> None:
     if name in RUN_AS_PRINTED:
         return
     if name.startswith('docs/guides/'):
-        known |= {'python', 'python scipy'}
+        known |= {'python'}
     assert kinds - known <= {kind for page, kind in RUN if page == name}
 
 
@@ -153,20 +154,7 @@ def test_every_command_has_arguments_that_pfd_takes(name: str) -> None:
                     pytest.fail(f'{line}: {refused.getvalue()}')
 
 
-def test_the_blocks_of_the_library_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    robot = pfd.load_robot('planar2')
-    q, qd, tau = np.random.default_rng(0).uniform(-1, 1, (3, 2))
-    names = {'pfd': pfd, 'robot': robot, 'q': q, 'qd': qd, 'tau': tau, 'times': [0.5, 1.0]}
-    first, second, third = (body for _, body in FENCE.findall(TEXTS['docs/guides/library.md']))
-    exec(first.replace('10.0, rtol=1e-11', '1.0, rtol=1e-6'), names)
-    assert names['run'].status == 'ok'
-    exec(second, names)
-    assert pfd.load_scene('scene.yaml') == names['scene']
-    exec(third, names | {'np': np, 'taus': np.ones((10, 2))})
-
-
-FOLDER = Path(__file__).resolve().parent.parent / 'docs' / 'guides'
+FOLDER, EXAMPLES = DOCS / 'guides', DOCS / 'examples'
 # A block of code, and the output printed below it, if there is one.
 BLOCK = re.compile(r'^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```$)?', re.MULTILINE | re.DOTALL)
 # Guides of the node are run by test/ros.
@@ -187,16 +175,30 @@ def ran(guide: str) -> tuple[dict[str, Any], list[tuple[str, str]]]:
     """Return the names that a guide defines, and each block's promised and true output."""
     names: dict[str, Any] = {}
     printed = []
-    for code, promised in BLOCK.findall(text(guide)):
-        with redirect_stdout(StringIO()) as output:
-            exec(code, names)
-        printed.append((promised, output.getvalue()))
+    before = Path.cwd()
+    with TemporaryDirectory() as folder:
+        # A guide writes files, and reads a recording of the tests.
+        (Path(folder) / 'test').symlink_to(ROOT / 'test')
+        os.chdir(folder)
+        try:
+            for code, promised in BLOCK.findall(text(guide)):
+                with redirect_stdout(StringIO()) as output:
+                    exec(code, names)
+                printed.append((promised, output.getvalue()))
+        finally:
+            os.chdir(before)
     return names, printed
 
 
-@pytest.mark.parametrize(
-    'guide', [pytest.param(x, marks=[pytest.mark.slow] * (x == 'linear-feedback')) for x in GUIDES]
-)
+@cache
+def example(name: str) -> tuple[dict[str, Any], str]:
+    """Return the names that a script of docs/examples defines, and what it prints."""
+    with redirect_stdout(StringIO()) as output:
+        names = runpy.run_path(str(EXAMPLES / f'{name}.py'))
+    return names, output.getvalue()
+
+
+@pytest.mark.parametrize('guide', GUIDES)
 def test_the_code_of_a_guide_prints_the_output_shown(guide: str) -> None:
     _, printed = ran(guide)
     assert len(printed) > 3
@@ -204,9 +206,21 @@ def test_the_code_of_a_guide_prints_the_output_shown(guide: str) -> None:
         assert output == promised
 
 
+@pytest.mark.parametrize(
+    'name',
+    [
+        pytest.param(path.stem, marks=[pytest.mark.slow] * (path.stem == 'linear_feedback'))
+        for path in sorted(EXAMPLES.glob('*.py'))
+    ],
+)
+def test_an_example_prints_the_output_beside_it(name: str) -> None:
+    _, output = example(name)
+    assert output == (EXAMPLES / f'{name}.txt').read_text(encoding='utf-8')
+
+
 @pytest.mark.slow
-def test_gains_of_the_guide_put_all_eigenvalues_inside_the_unit_circle() -> None:
-    names, _ = ran('linear-feedback')
+def test_gains_of_the_example_put_all_eigenvalues_inside_the_unit_circle() -> None:
+    names, _ = example('linear_feedback')
     A, B, K = names['A'], names['B'], names['K']
     assert np.abs(np.linalg.eigvals(A)).max() > 1
     moduli = np.abs(np.linalg.eigvals(A - B @ K))
@@ -218,20 +232,20 @@ def test_gains_of_the_guide_put_all_eigenvalues_inside_the_unit_circle() -> None
 @pytest.mark.parametrize('size', [1e-6, 1e-3])
 @pytest.mark.slow
 def test_the_cost_that_a_simulation_accumulates_is_that_of_the_linear_model(size: float) -> None:
-    names, _ = ran('linear-feedback')
+    names, _ = example('linear_feedback')
     x = np.random.default_rng(7).uniform(-size, size, (64, 12))
     measured, _ = names['cost'](x, names['steps'])
     np.testing.assert_allclose(measured, ((x @ names['P']) * x).sum(1), rtol=CUBIC * size)
 
 
 def loaded(names: dict[str, Any]) -> tuple[Oracle, Oracle]:
-    """Return Pinocchio's answers for the arm of a guide with its payload, and without."""
+    """Return Pinocchio's answers for the arm of an example with its payload, and without."""
     plant = resolve_plant(names['robot'], names['scene'])
     return Oracle(plant.robot, plant.armature), Oracle(names['robot'], plant.armature)
 
 
-def test_quantities_of_the_guide_are_pinocchios() -> None:
-    names, _ = ran('model-quantities')
+def test_quantities_of_the_example_are_pinocchios() -> None:
+    names, _ = example('quantities')
     oracle, _ = loaded(names)
     model, data, q, qd = oracle.model, oracle.data, names['q'], names['qd']
     assert relative(names['inertia'](q), oracle.H(q)) < DYNAMICS
@@ -246,7 +260,7 @@ def test_quantities_of_the_guide_are_pinocchios() -> None:
 
 
 def test_the_readmes_quantities_are_those_of_one_equation_of_motion() -> None:
-    blocks = BLOCK.findall((FOLDER.parent.parent / 'README.md').read_text(encoding='utf-8'))
+    blocks = BLOCK.findall(TEXTS['README.md'])
     (code,) = (code for code, _ in blocks if 'linearize' in code)
     q, qd, tau = np.random.default_rng(0).uniform(-1, 1, (3, 6))
     names = {'pfd': pfd, 'q': q, 'qd': qd, 'tau': tau, 'taus': np.zeros((10, 6))}

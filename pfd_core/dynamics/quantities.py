@@ -3,7 +3,7 @@
 """
 Quantities of a robot in a scene: the table QUANTITIES, one row each.
 
-Kernels and the outputs of the node follow from the rows; docs/guides/model-quantities.md describes
+Kernels and the outputs of the node follow from the rows; docs/reference/quantities.md describes
 them. A new quantity is a row, which names the function that records its program; its module is
 imported when the quantity is first recorded.
 

@@ -5,7 +5,7 @@ The table of effects: one record for each effect of a scene (EFFECTS), which hol
 
 An effect holds the physics, a field what users may give: units, checks, numbers for a robot.
 Methods, quantities, derivatives, energy, the choice of an integrator, YAML, the parameters of the
-node, reports and the table in docs/guides/model-quantities.md are derived from the records. A new
+node, reports and the table in docs/reference/effects.md are derived from the records. A new
 effect of a joint is a record here, and a field of Scene with its lines in the docstring. An effect
 on motors also needs its torque in pfd_core.dynamics.drives. An effect that acts over a step (STEP)
 needs its law in pfd_core.simulation: dry friction and stops in dry, the lag of motors in stages. A

@@ -78,7 +78,7 @@ def test_home_and_search_open_from_the_disk_without_errors(site: Path, tmp_path:
         search = (site / 'search.html').as_uri()
         page.call('Page.navigate', url=f'{search}?q=payload')
         links = "JSON.stringify([...document.querySelectorAll('.search li a')].map((a) => a.href))"
-        wait_until(lambda: 'model-quantities' in str(page.value(links)), text)
+        wait_until(lambda: 'reference/quantities' in str(page.value(links)), text)
         wait_until(lambda: 'reference/pfd_core' in str(page.value(links)), text)
         page.call('Page.navigate', url=f'{search}?q=zygomorphic')
         wait_until(lambda: 'did not match any documents' in text(), text)

@@ -25,6 +25,7 @@ import yaml
 from pfd_ros import read_log
 
 TEXT = (ROOT / 'docs' / 'guides' / 'alongside-a-controller.md').read_text(encoding='utf-8')
+NOTHING = (ROOT / 'docs' / 'reference' / 'topics.md').read_text(encoding='utf-8')
 ARM = ('shoulder', 'elbow')
 
 
@@ -84,7 +85,7 @@ def test_lines_of_the_log_in_the_guide_are_logged_by_the_node() -> None:
     source = ' '.join(path.read_text(encoding='utf-8') for path in paths)
     # Texts go over several lines of the source.
     source = re.sub(r"'\n\s+f?'", '', source)
-    found = re.findall(r'^\| `(.*?)` \|', TEXT.partition('## When nothing moves')[2], re.M)
+    found = re.findall(r'^\| `(.*?)` \|', NOTHING.partition('## When nothing moves')[2], re.M)
     assert len(found) == 13
     for line in found:
         dropped = line.partition('rejected: ')[2]

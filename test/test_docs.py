@@ -218,6 +218,12 @@ def test_an_example_prints_the_output_beside_it(name: str) -> None:
     assert output == (EXAMPLES / f'{name}.txt').read_text(encoding='utf-8')
 
 
+def test_no_guide_is_longer_than_two_hundred_lines() -> None:
+    lengths = {path.stem: len(text(path.stem).splitlines()) for path in FOLDER.glob('*.md')}
+    assert len(lengths) == 6
+    assert {name for name, length in lengths.items() if length > 200} == set()
+
+
 @pytest.mark.slow
 def test_gains_of_the_example_put_all_eigenvalues_inside_the_unit_circle() -> None:
     names, _ = example('linear_feedback')

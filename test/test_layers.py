@@ -71,7 +71,7 @@ PFD_ROS = {
     },
     'cli': {
         *('text', 'files', 'messages', 'arm', 'recording', 'replay', 'page', 'advice', 'node'),
-        *('view', 'demo'),
+        *('testing', 'view', 'demo'),
     },
 }
 SIMULATION: dict[str, set[str]] = {'contact': set()}

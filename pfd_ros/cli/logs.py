@@ -3,7 +3,8 @@
 """`pfd replay`, `pfd info`, `pfd compare` and `pfd recover`.
 
 Exit statuses: 0 if it did what was asked, also for a log whose end was cut and for a new run of
---what-if whose simulation failed (a line says so); 1 if something could not be read, or differs;
+--what-if whose simulation failed (a line says so); 1 if something could not be read, or differs,
+or a controller in the loop failed;
 INCOMPLETE if --verify found everything equal in a log that is incomplete.
 """
 
@@ -15,6 +16,7 @@ from datetime import datetime, timezone
 import json
 from pathlib import Path
 import sys
+import traceback
 from typing import TYPE_CHECKING, Any
 
 from pfd_ros.cli.terminal import (
@@ -29,6 +31,7 @@ from pfd_ros.cli.terminal import (
     status_of,
 )
 from pfd_ros.node.main import ignore_signals, stop_on_signals
+from pfd_ros.text import one_line
 
 if TYPE_CHECKING:
     from pfd_ros.replay.compare import Curves
@@ -65,6 +68,10 @@ def _replay_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add = changed.add_argument
     commands = 'topic with efforts of any bag (JointState or Float64MultiArray); requires robot='
+    callback = 'compute the commands in place of the recorded ones: a function (t, q, qd) -> tau'
+    add('--controller', metavar='MODULE:FUNCTION', help=callback)
+    command = 'the same by a node: its command line, as one word; it runs in lockstep; needs ROS'
+    add('--process', metavar='CMD', help=command)
     add('--commands', metavar='TOPIC', help=commands)
     add('--states', metavar='TOPIC', help="with --commands: the bag's JointStates")
     add_rename(changed, silent)
@@ -154,6 +161,14 @@ def _what_if(given: argparse.Namespace, options: dict[str, Any]) -> int:
     if plot:
         check_picture(plot)
     options['rename'] = dict(options.get('rename', ()))
+    named = [name for name in ('controller', 'process') if name in options]
+    if len(named) == 2:
+        raise ValueError('--controller and --process are two controllers: give one of them')
+    if named:
+        from pfd_ros.testing.again import callback_loop, process_loop
+
+        loops = {'controller': callback_loop, 'process': process_loop}
+        options['drive'] = loops[named[0]](options.pop(named[0]))
     with ended_by_signals():  # it removes the cut log of the new run
         found = what_if.what_if(
             given.log, given.what_if, **options, progress=progress_on(sys.stderr)
@@ -163,7 +178,21 @@ def _what_if(given: argparse.Namespace, options: dict[str, Any]) -> int:
     else:
         print_lines(what_if.lines(found))
     _plot(found.curves, (found.source, found.log), plot)
-    return status_of(given, found.problems)
+    if found.error is not None:
+        _print_error(found.error)
+    return status_of(given, found.problems) or int(found.error is not None)
+
+
+def _print_error(error: Exception) -> None:
+    """Print what a controller raised, with its own frames; of a process, the end of its output."""
+    cause = error.__cause__
+    if cause is not None and cause.__traceback__ is not None:
+        frames = cause.__traceback__.tb_next
+        lines = traceback.format_exception(type(cause), cause, frames)
+    else:
+        lines = [str(error)]
+    for line in ''.join(lines).splitlines():
+        print(one_line(line), file=sys.stderr)
 
 
 def _publish(given: argparse.Namespace, options: dict[str, Any]) -> int:
@@ -311,7 +340,7 @@ COMMANDS = {
         'pfd replay run.mcap --verify',
         _replay_arguments,
         _replay,
-        lambda given: bool(given.publish),
+        lambda given: bool(given.publish or 'process' in given),
     ),
     'info': Command(
         'print topics, times and settings of a log', 'pfd info run.mcap', _info_arguments, _info

@@ -12,17 +12,18 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import chain, pairwise
 import json
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pfd_ros.arm import events
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import ARRAY, INPUTS, NAMED, REJECTED, STATES, Message
+from pfd_ros.arm.events import ARRAY, INPUTS, NAMED, REJECTED, STATES, Message, Verdict
 from pfd_ros.arm.other_inputs import encode_changes, encode_request
 from pfd_ros.arm.settings import PER_JOINT, joint_order
 from pfd_ros.messages.cdr import STAMP, TIME
@@ -32,6 +33,12 @@ from pfd_ros.recording.format import EndKey, LogError
 from pfd_ros.recording.log import Log
 from pfd_ros.text import cut
 
+# What takes the messages of each step, and the simulated time after it, ns.
+Put: TypeAlias = Callable[[Sequence[Message], int], object]
+OPEN_LOOP = (
+    'open: recorded torques at their times, whatever the changed arm does; --controller or '
+    '--process lets a controller react to it'
+)
 # States that may be missing where a recording was cut, or by chance.
 MISSING = 10_000
 
@@ -53,7 +60,8 @@ class Run:
 
     `accepted` counts commands; `rejected` counts, by result, inputs that were accepted before and
     are not, or the other way, and `first_rejected` is a line about the first of them. `failure`
-    says why the simulation first failed, after the stamp `failed_ns`.
+    says why the simulation first failed, after the stamp `failed_ns`, or with `error` why its
+    controller did. `loop` states where the commands came from, `notes` why another run may differ.
     """
 
     accepted: int = 0
@@ -61,19 +69,30 @@ class Run:
     first_rejected: str = ''
     failure: str = ''
     failed_ns: int = 0
+    error: Exception | None = None
+    loop: str = OPEN_LOOP
+    notes: list[str] = field(default_factory=list)
+
+    def count(self, role: str, verdict: Verdict, cycle: int, broke: str = '') -> None:
+        """Count an input that a cycle takes, by its result, and that of the log in `broke`."""
+        self.accepted += verdict.accepted and role in events.COMMANDS
+        label = '' if verdict.accepted or verdict.label == events.ALL_NAN.label else verdict.label
+        if bool(label) != bool(broke):
+            self.rejected[label or 'accepted'] += 1
+            why = f' ({cut(verdict.detail, 200)})' if verdict.detail else ''
+            self.first_rejected = self.first_rejected or (
+                f'cycle {cycle}: {role} is {verdict.label}{why}, was {broke or "accepted"}'
+            )
 
 
 def run_inputs(
     inputs: Iterable[Input],
     engine: Engine,
-    put: Callable[[Sequence[Message], int], object],
-    *,
-    nudged: bool = False,
+    put: Put,
 ) -> Run:
     """Run an arm before its first cycle under inputs in the order of their cycles, to their end.
 
-    `put` is called with the messages of each step and the simulated time after it, ns. `nudged`
-    says whether each position that the arm is set to has one bit more, see `one_bit`.
+    `put` is called with the messages of each step and the simulated time after it, ns.
     """
     found, waiting, state = Run(), list[Message](), engine.state
     for message, cycle, broke in inputs:
@@ -85,19 +104,9 @@ def run_inputs(
                 found.failure, found.failed_ns = state.failure, engine.stamp_ns
         if message is None:
             break
-        if nudged and message.role == events.SET_STATE:
-            message = message._replace(data=_nudged(message.data))
         messages, (verdict,) = engine.step([message], run=False)
         waiting += messages
-        found.accepted += verdict.accepted and message.role in events.COMMANDS
-        label = '' if verdict.accepted or verdict.label == events.ALL_NAN.label else verdict.label
-        if bool(label) != bool(broke):
-            found.rejected[label or 'accepted'] += 1
-            why = f' ({cut(verdict.detail, 200)})' if verdict.detail else ''
-            found.first_rejected = found.first_rejected or (
-                f'cycle {state.cycle + 1}: {message.role} is {verdict.label}{why}, was '
-                f'{broke or "accepted"}'
-            )
+        found.count(message.role, verdict, state.cycle + 1, broke)
     put([*waiting, *engine.counts()], engine.stamp_ns)
     return found
 
@@ -107,12 +116,16 @@ def one_bit(q: NDArray[Any]) -> NDArray[Any]:
     return np.where(np.abs(q) < 1.0, q + 2.0**-52, np.nextafter(q, np.inf))
 
 
-def _nudged(data: bytes) -> bytes:
-    try:
-        joints = decode_joints(data)
-        return encode_joints(joints.names, one_bit(joints.position), joints.velocity)
-    except ValueError:  # refused as it is
-        return data
+def nudged(inputs: Iterable[Input]) -> Iterator[Input]:
+    """Yield inputs with one bit more in each position that the arm is set to, see `one_bit`."""
+    for each in inputs:
+        message = each.message
+        if message is not None and message.role == events.SET_STATE:
+            with suppress(ValueError):  # refused as it is
+                joints = decode_joints(message.data)
+                data = encode_joints(joints.names, one_bit(joints.position), joints.velocity)
+                each = each._replace(message=message._replace(data=data))
+        yield each
 
 
 def recorded_inputs(log: Log, engine: Engine) -> Iterator[Input]:

@@ -6,7 +6,8 @@
     rounding run    the new run again, with each position that the arm is set to changed by the
                     last bit of 1 rad (or m): how fast motions diverge by rounding alone
 
-The new run does not wait for answers: the inputs are known.
+The new run does not wait for answers: the inputs are known. With a `drive` for another loop a
+controller computes the commands, and the other inputs stay.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import os
 from pathlib import Path
 import tempfile
 import time
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +46,15 @@ from pfd_ros.recording.topic_arrays import TopicArrays
 from pfd_ros.replay.bag_inputs import BagInputs
 from pfd_ros.replay.changed_settings import Changes, changed_arm, described_arm, read_changes
 from pfd_ros.replay.compare import Curves, Difference, aligned, difference, track
-from pfd_ros.replay.inputs import Input, Run, one_bit, recorded_inputs, run_inputs
+from pfd_ros.replay.inputs import (
+    Input,
+    Put,
+    Run,
+    nudged,
+    one_bit,
+    recorded_inputs,
+    run_inputs,
+)
 from pfd_ros.text import listed
 
 # A run has diverged beyond these: positions [rad or m], velocities [rad/s or m/s], efforts [N m
@@ -76,8 +85,13 @@ class WhatIf:
     # Joints.
     only_in_log: tuple[str, ...]
     only_in_arm: tuple[str, ...]
+    # Why the simulation, or with `error` its controller, stopped, and when.
     failure: str
     failed_at: float | None
+    error: Exception | None = field(repr=False, compare=False)
+    # Where the commands came from, and why another run may differ.
+    loop: str
+    notes: tuple[str, ...]
     # Inputs with another result than in the recording, and rejected commands of a bag, by result.
     rejected: Mapping[str, int]
     first_rejected: str
@@ -105,7 +119,7 @@ class _States(NamedTuple):
         return self.times_ns / NANOSECONDS
 
 
-class _Case(NamedTuple):
+class Case(NamedTuple):
     """A changed arm, the log whose inputs it takes, and the time at which its states begin, ns."""
 
     inputs: Callable[[Engine], Iterable[Input]]
@@ -121,6 +135,15 @@ class _Case(NamedTuple):
     bag: BagInputs | None = None
 
 
+# Runs a changed arm before its first cycle to the end of the log; raises no error of a controller.
+Drive: TypeAlias = Callable[[Case, Engine, Put], Run]
+
+
+def open_loop(case: Case, engine: Engine, put: Put) -> Run:
+    """Run an arm under all inputs of its log, the commands among them."""
+    return run_inputs(case.inputs(engine), engine, put)
+
+
 def what_if(
     path: Path | str,
     changes: Sequence[str] = (),
@@ -132,6 +155,7 @@ def what_if(
     thresholds: Sequence[float] = THRESHOLDS,
     rounding: bool = False,
     progress: Callable[[float], None] | None = None,
+    drive: Drive = open_loop,
 ) -> WhatIf:
     """Simulate the inputs of a log with a changed arm, and compare the motions.
 
@@ -151,6 +175,8 @@ def what_if(
         Whether to do the rounding run.
     progress
         Called with the finished share, 0 to 1.
+    drive
+        Runs the changed arm: `open_loop`, or a loop of pfd_ros.testing.again.
 
     ValueError if a setting is invalid, or the log (LogError) is damaged, no recording of this
     edition, or has no joint of the arm; no log is written then. If the new run has nothing to
@@ -174,12 +200,12 @@ def what_if(
     engine = _engine(case, case.settings)
     limits = dict(zip(JOINT_FIELDS, map(float, thresholds), strict=True))
     with damage_named(path):
-        run = _recorded_run(case, engine, target, progress)
+        run = _recorded_run(case, engine, target, progress, drive)
         new = _new_states(case, target)
-        if not len(new.time):
+        if not len(new.time) and not run.error:
             raise LogError(f'the new run, in {target}, has no states: there is nothing to compare')
         failed_at = (run.failed_ns - case.start_ns) / NANOSECONDS if run.failure else None
-        if failed_at is not None and failed_at < case.old.time[0]:
+        if failed_at is not None and failed_at < case.old.time[0] and not run.error:
             raise LogError(
                 f'the simulation failed before the first recorded state: {run.failure}; the '
                 f'new run is in {target}'
@@ -187,7 +213,7 @@ def what_if(
         # A reset may let the new run go on.
         until = np.inf if failed_at is None else failed_at
         curves = _curves(case.old, new, until)
-        alone = _curves(new, _rounded_states(case, engine), until) if rounding else {}
+        alone = _curves(new, _rounded_states(case, engine, drive), until) if rounding else {}
     own = {*engine.names, *engine.locked}
     return WhatIf(
         source=path,
@@ -204,6 +230,9 @@ def what_if(
         only_in_arm=tuple(name for name in engine.names if name not in old.names),
         failure=run.failure,
         failed_at=failed_at,
+        error=run.error,
+        loop=run.loop,
+        notes=tuple(run.notes),
         rejected=dict(run.rejected),
         first_rejected=run.first_rejected,
         replaced=_replaced(engine, read),
@@ -246,7 +275,7 @@ def _curves(one: _States, two: _States, until: float) -> Curves:
     return found
 
 
-def _new_states(case: _Case, path: Path) -> _States:
+def _new_states(case: Case, path: Path) -> _States:
     topic = topic_names([STATES], case.topics)[STATES]
     found = read_log(path, topics=[topic])[topic]
     return _States(topic, found, _stamps_ns(found) - case.start_ns)
@@ -257,14 +286,16 @@ def _stamps_ns(states: TopicArrays) -> NDArray[np.int64]:
     return states.stamp_ns
 
 
-def _rounded_states(case: _Case, engine: Engine) -> _States:
+def _rounded_states(case: Case, engine: Engine, drive: Drive) -> _States:
     """Return the states of the rounding run."""
     first = engine.state.first
     start = one_bit(np.array(first.initial_positions or (0.0,) * case.robot.n))
-    nudged = _engine(case, replace(first, initial_positions=tuple(start.tolist())))
+    other = _engine(case, replace(first, initial_positions=tuple(start.tolist())))
+    inputs = case.inputs
+    case = case._replace(inputs=lambda engine: nudged(inputs(engine)))
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder, 'rounding.mcap')
-        _recorded_run(case, nudged, target, None, nudged=True)
+        _recorded_run(case, other, target, None, drive)
         return _new_states(case, target)
 
 
@@ -283,7 +314,7 @@ def _untied(settings: Settings) -> Settings:
     return replace(free, recording='', recording_time=SIMULATED)
 
 
-def _of_recording(path: Path, changes: Changes) -> _Case:
+def _of_recording(path: Path, changes: Changes) -> Case:
     try:
         log = Log(path)
     except OtherLogError as error:
@@ -298,7 +329,7 @@ def _of_recording(path: Path, changes: Changes) -> _Case:
     if settings.follows_clock and len(stamps):
         # The ticks say the time of both.
         begins = int(stamps[0]), int(stamps[0])
-    return _Case(
+    return Case(
         lambda engine: recorded_inputs(log, engine),
         _States(topic, arrays[topic], stamps - begins[0]),
         _untied(settings),
@@ -313,7 +344,7 @@ def _of_recording(path: Path, changes: Changes) -> _Case:
 
 def _of_bag(
     path: Path, changes: Changes, commands: str, states: str, rename: Mapping[str, str]
-) -> _Case:
+) -> Case:
     settings, robot, urdf = described_arm(changes)
     log = read_log(path, types=(JOINT_STATE, FLOAT_ARRAY), unreadable='count')
     bag = BagInputs(log, commands, states, rename)
@@ -322,7 +353,7 @@ def _of_bag(
     start_ns = settings.start_ns + settings.step_ns
     old = _States(bag.topic, bag.states, bag.times_ns - bag.start_ns)
     problems = _unreadable(log, *dict.fromkeys((bag.topic, commands)))
-    return _Case(bag.inputs, old, settings, robot, urdf, start_ns, log.complete, problems, {}, bag)
+    return Case(bag.inputs, old, settings, robot, urdf, start_ns, log.complete, problems, {}, bag)
 
 
 def _unreadable(log: LogArrays, *topics: str) -> list[str]:
@@ -332,7 +363,7 @@ def _unreadable(log: LogArrays, *topics: str) -> list[str]:
     ]
 
 
-def _engine(case: _Case, settings: Settings) -> Engine:
+def _engine(case: Case, settings: Settings) -> Engine:
     frames = link_frames(case.urdf, settings, case.robot) if case.urdf else None
     roles = {*events.INPUTS, events.REJECTED, events.REJECTED_COUNTS, events.PAYLOAD_IN_USE}
     roles |= {STATES, *events.OPTIONAL, *(frames.roles if frames is not None else ())}
@@ -341,12 +372,11 @@ def _engine(case: _Case, settings: Settings) -> Engine:
 
 
 def _recorded_run(
-    case: _Case,
+    case: Case,
     engine: Engine,
     target: Path,
     progress: Callable[[float], None] | None,
-    *,
-    nudged: bool = False,
+    drive: Drive,
 ) -> Run:
     """Run an arm under the inputs of the log, and record it; without a result no file is left."""
     topics = topic_names(engine.roles, case.topics)
@@ -368,8 +398,8 @@ def _recorded_run(
     try:
         if engine.frames is not None:
             put(engine.frames.opening(engine.stamp_ns), engine.stamp_ns)
-        found = run_inputs(case.inputs(engine), engine, put, nudged=nudged)
-        if case.bag is not None:
+        found = drive(case, engine, put)
+        if case.bag is not None and not found.error:
             case.bag.check(found)
         recorder.close(totals_of(engine))
         if recorder.error:
@@ -385,7 +415,7 @@ def _recorded_run(
 
 def as_json(found: WhatIf) -> dict[str, Any]:
     """Return a result without settings and curves, ready for JSON."""
-    left_out = {'settings', 'curves'}
+    left_out = {'settings', 'curves', 'error'}
     values = {f.name: getattr(found, f.name) for f in fields(found) if f.name not in left_out}
     return values | {
         'source': str(found.source),
@@ -403,12 +433,14 @@ def lines(found: WhatIf) -> list[str]:
         f'{found.source}: {found.robot}, {" ".join(found.changes) or "nothing changed"}',
         f'new run    {found.log}, {found.seconds:.3f} s, compared with {found.states} states',
     ]
+    rows.append(f'loop       {found.loop}')
+    rows += [f'note       {note}' for note in found.notes]
     if found.times:
         rows.append(f'times      {found.times} of the messages; states of {found.states_topic}')
     if found.failed_at is not None:
         rows.append(
-            f'FAILED     simulation stopped at {found.failed_at:.6f} s: {found.failure}; nothing '
-            'is compared from there on'
+            f'FAILED     {"controller" if found.error else "simulation"} stopped at '
+            f'{found.failed_at:.6f} s: {found.failure}; nothing is compared from there on'
         )
     if found.rejected:
         counts = ', '.join(f'{count} {name}' for name, count in sorted(found.rejected.items()))

@@ -10,6 +10,7 @@ From the fixtures to the arm, and back to assertions:
     callback     the link to a function of the test
     nodes        the link to rclpy nodes of this process and to any nodes of others
     patience     interrupts a controller that blocks
+    again        the arm of a log again, with a controller in the loop
     trajectory   Trajectory: the arrays of a run, its metrics, and assertions
     artifacts    files of a failed test: recording and page of each arm
     domains      a ROS domain for this process alone, and rclpy in it

@@ -142,3 +142,14 @@ def initialised(domain: int) -> Iterator[None]:
         yield
     finally:
         rclpy.try_shutdown()
+
+
+@contextmanager
+def own_or_current(start: int | None = None) -> Iterator[int]:
+    """Initialise rclpy in a claimed domain; if it is initialised already, use its domain."""
+    domain = current_domain()
+    if domain is not None:
+        yield domain
+        return
+    with claimed_domain(start) as domain, initialised(domain):
+        yield domain

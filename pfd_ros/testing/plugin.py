@@ -114,11 +114,7 @@ def ros_domain() -> Iterator[int]:
 
     If rclpy is initialised already, its context and domain are used.
     """
-    from pfd_ros.testing.domains import claimed_domain, current_domain, initialised
+    from pfd_ros.testing.domains import own_or_current
 
-    domain = current_domain()
-    if domain is not None:
-        yield domain
-        return
-    with claimed_domain(next(_started)) as domain, initialised(domain):
+    with own_or_current(next(_started)) as domain:
         yield domain

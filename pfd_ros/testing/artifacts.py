@@ -64,7 +64,7 @@ def write_artifacts(arms: Sequence[Any], folder: Path, error: BaseException) -> 
             lines.append(f'page       {log.with_suffix(".html")}')
             first = found.first
             if first is not None:
-                text = f'{first.kind}: {first.joint} {first.text}'
+                text = ' '.join(filter(None, (f'{first.kind}:', first.joint, first.text)))
                 lines.append(one_line(f'first      t = {first.time:.3f} s, {text}'))
         # Nothing may hide the failure of the test.
         except Exception as failed:

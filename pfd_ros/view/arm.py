@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 import trimesh
 
 import pfd_core as pfd
+from pfd_ros.view import loads
 from pfd_ros.view.forms import Drawing
 from pfd_ros.view.links import SLIDING, TURNING, Array, LinkPoses, reach_of
 from pfd_ros.view.loads import DrawnPayload, DrawnWrench, Load, place, scale_of
@@ -22,7 +23,7 @@ from pfd_ros.view.meshes import Colour
 
 GHOST_COLOUR, GHOST_OPACITY = (60, 150, 90), 0.35
 FLOOR_COLOUR, FLOOR_LINES = (205, 208, 214), 8
-PATH_COLOURS = np.array([(160, 205, 250), (20, 60, 140)])
+PATH_COLOURS = np.array([(120, 180, 250), (20, 60, 140)])
 # Radius of a ring and of its wire, as parts of the reach.
 RING, RING_WIRE = 0.062, 0.007
 # Of a ring, from no torque to the limit; few levels, since each change of colour is a message.
@@ -33,16 +34,32 @@ UNKNOWN, AT_LIMIT = (150, 150, 150), (190, 40, 200)
 NEAR = 2e-3
 # Around the frames of links, as a part of the reach, for what is drawn of them.
 MARGIN = 0.1
-# Distance of the camera from the middle of what is shown, as a part of its size.
-DISTANCE, DIRECTION = 0.9, np.array([0.75, -0.85, 0.4]) / np.linalg.norm([0.75, -0.85, 0.4])
-LEGEND = """Rings: joint torque, from blue (none) to red (at its limit); violet: the joint is at
-the end of its range; grey: no torque known. Line: path of the tip. Translucent: the ghost.
+# Axes of the camera, whose half field of view has this tangent: viser's 75 degrees.
+DIRECTION = np.array([0.75, -0.85, 0.4]) / np.linalg.norm([0.75, -0.85, 0.4])
+SIDE, HALF_VIEW = np.array([0.85, 0.75, 0.0]) / np.hypot(0.85, 0.75), np.tan(np.radians(37.5))
+AXES = np.array([SIDE, np.cross(DIRECTION, SIDE), DIRECTION])
+# Colours from left to right, and what they are.
+LEGEND = (
+    (LOAD_COLOURS, 'ring: joint torque, from none to its limit'),
+    ([AT_LIMIT], 'ring: joint at the end of its range'),
+    ([UNKNOWN], 'ring: torque not known'),
+    (PATH_COLOURS, 'line: path of the tip, from start to end'),
+    ([loads.FORCE_COLOUR], 'arrow: external force, 1 m = {0.force:g} N'),
+    ([loads.TORQUE_COLOUR], 'two heads: external torque, 1 m = {0.torque:g} N m'),
+    ([loads.PAYLOAD_COLOUR], 'payload; black: its centre of mass'),
+    ([GHOST_COLOUR], 'ghost: another log or topic'),
+)
+MARK = '<span style="display:inline-block;width:2em;height:.6em;margin-right:.6em;background:'
 
-Red arrow: external force on the last link; yellow, with two heads: external torque, right-handed.
-Scale: 1 m = {0.force:g} N, 1 m = {0.torque:g} N m.
 
-Turquoise body: the payload, a box with its mass and inertia, or a ball without inertia; black: its
-centre of mass."""
+def legend(scale: Any) -> str:
+    """Return the meaning of the colours, as HTML."""
+    rows = []
+    for colours, meaning in LEGEND:
+        ends = [f'rgb{tuple(int(x) for x in c)}' for c in [*colours, colours[-1]]]
+        bar = f'{MARK}linear-gradient(90deg,{",".join(ends)})"></span>'
+        rows.append(f'{bar}{meaning.format(scale)}<br>')
+    return f'<div style="padding:.5em 1em;font-size:.85em;line-height:1.6">{"".join(rows)}</div>'
 
 
 def draw_links(
@@ -123,8 +140,8 @@ class Stage:
         lines += [[[-reach, y, 0.0], [reach, y, 0.0]] for y in ticks]
         # Lines cost a browser less than a grid.
         floor = np.array(lines, np.float32)
-        scene.add_line_segments('/floor', floor, FLOOR_COLOUR, thickness=reach / 400)
-        server.gui.add_markdown(LEGEND.format(self.scale))
+        scene.add_line_segments('/floor', floor, FLOOR_COLOUR, thickness=reach / 600)
+        server.gui.add_html(legend(self.scale))
 
     def show(
         self,
@@ -172,12 +189,13 @@ class Stage:
         points = reach / 3 * np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 2.0]])
         if len(rows):
             points = np.concatenate([self.poses.at(row)[:, :3, 3] for row in rows])
-        low, high = points.min(axis=0) - MARGIN * reach, points.max(axis=0) + MARGIN * reach
-        size = max(float(np.linalg.norm(high - low)), 1e-3)
+        middle = (points.min(axis=0) + points.max(axis=0)) / 2
+        across, up, near = AXES @ (points - middle).T
+        size = np.maximum(abs(across), abs(up)) + MARGIN * reach
+        distance = max(float((near + size / HALF_VIEW).max()), 1e-3)
         camera = self._server.initial_camera
-        camera.look_at = tuple((low + high) / 2)
-        camera.position = tuple((low + high) / 2 + DISTANCE * size * DIRECTION)
-        camera.near, camera.far = size / 200, size * 200
+        camera.look_at, camera.position = tuple(middle), tuple(middle + distance * DIRECTION)
+        camera.near, camera.far = distance / 200, distance * 200
 
     def _ring(self, number: int, joint: Any) -> tuple[Any, Any, int]:
         """Return the node of a ring about the axis of a joint, its mesh, and its link."""

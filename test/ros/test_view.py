@@ -1099,7 +1099,7 @@ def test_the_page_of_a_running_arm_shows_a_force_until_it_is_cleared(
     hand = peer.node.create_publisher(WrenchStamped, '/sim_arm/external_wrench', 1)
     peer.wait(lambda: hand.get_subscription_count() == 1)
     with opened(url, tmp_path / 'profile', SIZE) as shown:
-        wait_until(lambda: 'Scale: 1 m = ' in (shown.value('document.body.innerText') or ''))
+        wait_until(lambda: '1 m = ' in (shown.value('document.body.innerText') or ''))
         assert red(shown) < ARROW
         message = WrenchStamped()
         message.header.frame_id = 'tool0'

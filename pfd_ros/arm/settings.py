@@ -345,7 +345,15 @@ def typed_values(values: Any, *, dynamic: bool = False) -> dict[str, Any]:
         raise ValueError(
             f'unknown settings {listed(strange)}; a file with them is of another version of pfd'
         )
-    return {name: typed(name, value, kinds[name]) for name, value in values.items()}
+    by_joint = {row.name for row in PER_JOINT}
+    found = {}
+    for name, value in values.items():
+        try:
+            found[name] = typed(name, value, kinds[name])
+        except ValueError as error:
+            also = f', or a number by joint, {name}.JOINT' if name in by_joint else ''
+            raise ValueError(f'{error}{also}') from None
+    return found
 
 
 def timeout_steps(seconds: float, step_size: float) -> float:

@@ -133,7 +133,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({'step_size': True}, 'step_size is True, expected a number'),
     ({'step_size': None}, 'step_size is NoneType, expected a number'),
     ({'substeps': 2.0}, 'substeps is 2.0, expected a whole number'),
-    ({'damping': 1}, 'damping is 1, expected true or false'),
+    ({'damping': 1}, 'damping is 1, expected true or false, or a number by joint, damping.JOINT'),
     *(({'armature': value}, 'armature is') for value in ('model', 'yes', '', 1, 0.5, None)),
     ({'frame_id': 'a\0b'}, 'frame_id is .* no NUL'),
     ({'frame_id': '{' * (1 << 21)}, r'\(2097152 characters\)'),

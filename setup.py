@@ -40,6 +40,7 @@ setup(
         'pfd_core': ['py.typed'],
         'pfd_ros': ['py.typed'],
         'pfd_ros.page': ['assets/*'],
+        'pfd_ros.starter': ['templates/*'],
         'pfd_ros.testing': ['*.xml'],
     },
     data_files=[

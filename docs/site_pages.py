@@ -34,7 +34,6 @@ PAGES = {
     'docs/guides': 'index.md',
     'docs/decisions': 'decisions/index.md',
     'docs/report': 'reports.md',
-    'docs/examples/controller_package': 'examples/controller_package/README.md',
 }
 
 

@@ -17,6 +17,7 @@ Subpackages in the order of data flow; each imports only from those above it:
     testing      the arm in a controller's tests: pytest fixtures, lockstep, assertions
     view         the arm of a log or of a running node in 3D, in a browser
     demo         the node and a controller as two processes, and the results
+    starter      a controller package for an arm, from templates
     cli          the command `pfd`, one module a command
 
 `pfd_ros.read_log` returns the messages of a recording, or of any bag, as arrays.

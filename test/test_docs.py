@@ -49,7 +49,6 @@ RUN = {
     ('README.md', 'python'): 'test_docs.py',
     ('docs/install.md', 'sh'): 'test_site.py',
     ('docs/guides/testing-a-controller.md', 'py'): 'test_testing_artifacts.py',
-    ('docs/examples/controller_package/README.md', 'sh'): 'test_testing_artifacts.py',
 }
 # Guides of which one test runs every block.
 RUN_AS_PRINTED = {

@@ -69,9 +69,10 @@ PFD_ROS = {
     'demo': {
         *('text', 'messages', 'arm', 'recording', 'replay', 'page', 'node', 'testing', 'view'),
     },
+    'starter': {'text', 'messages', 'arm', 'recording'},
     'cli': {
         *('text', 'files', 'messages', 'arm', 'recording', 'replay', 'page', 'advice', 'node'),
-        *('testing', 'view', 'demo'),
+        *('testing', 'view', 'demo', 'starter'),
     },
 }
 SIMULATION: dict[str, set[str]] = {'contact': set()}
@@ -429,6 +430,7 @@ TIMEOUT = 240.0
 COLCON = shutil.which(
     'colcon', path=os.pathsep.join([str(Path(sys.executable).parent), os.environ['PATH']])
 )
+TEMPLATES = ROOT / 'pfd_ros/starter/templates'
 CLEAN = ('.git', '.venv', 'build', 'install', 'log', '__pycache__', '*.egg-info', '.*_cache')
 
 
@@ -484,6 +486,7 @@ def test_an_installation_holds_code_robots_parameters_and_the_ament_marker(
         'pfd_core/config/sim_arm.yaml',
         'pfd_ros/node/main.py',
         'pfd_ros/testing/loopback.xml',
+        *(f'pfd_ros/starter/templates/{path.name}' for path in TEMPLATES.iterdir()),
         *(f'pfd_ros/page/assets/{path.name}' for path in (ROOT / 'pfd_ros/page/assets').iterdir()),
         'share/pfd_ros/package.xml',
         'share/pfd_ros/config/sim_arm.yaml',

@@ -37,6 +37,7 @@ NO_ROS = (
 COMMANDS = {
     'demo': 'small',
     'sim': 'small',
+    'init': 'init',
     'replay': 'logs',
     'info': 'logs',
     'compare': 'logs',

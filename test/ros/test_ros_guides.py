@@ -284,6 +284,7 @@ def test_every_command_of_the_guide_works_as_printed(
     assert 'shoulder: rests' in outputs[4]
     assert re.search(r'^page +/', outputs[4], re.MULTILINE)
     assert 'every bit equal' in outputs[5]
+    assert '8 passed' in outputs[-1]
 
 
 def wait_for_commands(recording: Path) -> None:

@@ -23,13 +23,12 @@ from bridge import (
     pfd_main,
 )
 import numpy as np
-from plugin_sessions import forked_session, install, run, session
+from plugin_sessions import forked_session, session
 import pytest
-from ros_processes import HAS_ROS, ROOT
+from ros_processes import ROOT
 
 from pfd_ros import read_log
 
-EXAMPLE = ROOT / 'docs' / 'examples' / 'controller_package'
 # Tests that fail, each with a recording and a page of its arms, and tests that leave nothing.
 TESTS = """
 import sys
@@ -400,7 +399,7 @@ def test_a_domain_in_which_a_participant_runs_is_passed_over() -> None:
             assert found != first
 
 
-# The code of README and guides, and the package to copy.
+# The code of README and guides.
 
 
 def test_the_test_in_the_readme_passes(sim_arm) -> None:
@@ -410,30 +409,18 @@ def test_the_test_in_the_readme_passes(sim_arm) -> None:
     names['test_controller_settles'](sim_arm)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(('has_ros', 'text'), [(True, '9 passed'), (False, '7 passed, 1 skipped')])
-def test_the_example_repository_passes_its_tests(has_ros: bool, text: str, tmp_path: Path) -> None:
-    if has_ros and not HAS_ROS:
-        pytest.skip('rclpy is not installed')
-    copied = Path(shutil.copytree(EXAMPLE, tmp_path / 'controller_package'))
-    install(tmp_path)
-    if not has_ros:
-        (copied / 'conftest.py').write_text("import sys\nsys.modules['rclpy'] = None\n")
-    assert text in run(tmp_path, copied)
-    page = (copied / 'README.md').read_text(encoding='utf-8')
-    assert all(
-        str(path.relative_to(copied)) in page
-        for path in copied.rglob('*.py')
-        if path.name not in ('__init__.py', 'conftest.py')
-    )
-
-
 @pytest.mark.ros
 @pytest.mark.slow
-def test_the_tests_of_nodes_in_the_guide_pass(site: Path, tmp_path: Path) -> None:
+def test_the_tests_of_nodes_in_the_guide_pass(
+    site: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     text = (ROOT / 'docs/guides/testing-a-controller.md').read_text(encoding='utf-8')
-    shutil.copytree(EXAMPLE / 'joint_pd', tmp_path / 'joint_pd')
+    monkeypatch.chdir(tmp_path)
+    (command,) = re.findall(r'`pfd (init .*?)`', text)
+    assert pfd_main(command.split()) == 0
     # The settings and the goal of the first block, which test_docs.py runs.
     lines = re.findall(r'^(?:import numpy|goal = |ur5 = ).*$', text, re.MULTILINE)
     code = '\n'.join([*lines, *re.findall('```py\n(.*?)```', text, re.S)])
-    assert '3 passed' in session(site, tmp_path, code)
+    package = tmp_path / 'my_controller'
+    shutil.rmtree(package / 'test')
+    assert '3 passed' in session(site, package, code)

@@ -1,1 +1,0 @@
-"""PD control of an arm's joints along smooth steps."""

@@ -1,0 +1,352 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`pfd init`: its packages pass their tests, show faults and build; the action that runs them."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import re
+import shutil
+import subprocess
+import sys
+from typing import Any
+
+from bridge import pfd_main
+import gripper_arm
+from plugin_sessions import run
+import pytest
+from ros_processes import HAS_ROS, ROOT
+from test_launch import Recorded, nodes, recorder  # noqa: F401, a fixture
+from waiting import PATIENCE
+import yaml
+
+import pfd_core as pfd
+from pfd_ros import read_log
+from pfd_ros.testing import LockstepArm
+
+ACTION = ROOT / '.github' / 'actions' / 'test-controller' / 'action.yml'
+RUFF = [
+    'ruff',
+    'check',
+    '--isolated',
+    '--line-length',
+    '99',
+    '--select',
+    'E,F,W,B,UP,C4,RET,SIM,PT',
+]
+FORMAT = ['ruff', 'format', '--check', '--isolated', '--line-length', '99']
+SLOW = pytest.mark.slow
+# Of the states of a recorded arm, Hz.
+RATE = 500.0
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a folder with the URDF of an arm with a gripper, where commands run."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'arm.urdf').write_text(gripper_arm.urdf(), encoding='utf-8')
+    return tmp_path
+
+
+def init(*words: str, name: str = 'mine') -> Path:
+    assert pfd_main(['init', name, *words]) == 0
+    return Path.cwd() / name
+
+
+def parameters(package: Path) -> dict[str, Any]:
+    text = (package / package.name / 'arm.yaml').read_text(encoding='utf-8')
+    return {node: table['ros__parameters'] for node, table in yaml.safe_load(text).items()}
+
+
+def record(folder: Path, **settings: Any) -> Path:
+    path = folder / 'run.mcap'
+    with LockstepArm(folder / 'arm.urdf', locked=['finger'], recording=path, **settings) as arm:
+        arm.run(lambda t, q, qd: 0.0 * q, 0.1)
+    return path
+
+
+def replaced(path: Path, old: str, new: str) -> None:
+    text = path.read_text(encoding='utf-8')
+    assert old in text
+    path.write_text(text.replace(old, new), encoding='utf-8')
+
+
+# What a package is made of, and what its tests find.
+
+
+@pytest.mark.parametrize(
+    ('words', 'has_ros'),
+    [
+        pytest.param(['--urdf', 'arm.urdf'], False, id='urdf'),
+        pytest.param(['--bag', 'run.mcap', '--ros2-control'], True, id='bag', marks=SLOW),
+        pytest.param(['--robot', 'ur5'], True, id='robot', marks=SLOW),
+    ],
+)
+def test_the_tests_of_a_package_pass(
+    site: Path, folder: Path, words: list[str], has_ros: bool
+) -> None:
+    if has_ros and not HAS_ROS:
+        pytest.skip('rclpy is not installed')
+    if '--bag' in words:
+        record(folder, publish_rate=RATE, **{'friction.elbow': 0.5})
+    package = init(*words)
+    if not has_ros:
+        (package / 'conftest.py').write_text("import sys\nsys.modules['rclpy'] = None\n")
+    assert ('8 passed' if has_ros else '6 passed, 2 skipped') in run(site, package)
+
+
+@pytest.mark.parametrize(
+    ('right', 'wrong', 'failed'),
+    [
+        pytest.param('w**2 * (r', '-(w**2) * (r', 6, marks=SLOW, id='sign'),
+        pytest.param('w**2 * (r', '0.5 * w**2 * (r', 2, marks=SLOW, id='gain'),
+        pytest.param('2 * w * (dr', '0.0 * (dr', 2, marks=SLOW, id='damping'),
+        pytest.param('scene=SCENE)', 'scene=pfd.Scene(gravity=None))', 5, id='gravity'),
+    ],
+)
+def test_a_fault_of_the_law_fails_tests_and_is_on_their_pages(
+    site: Path, folder: Path, right: str, wrong: str, failed: int
+) -> None:
+    package = init('--urdf', 'arm.urdf')
+    replaced(package / 'mine' / 'law.py', right, wrong)
+    options = ['-k', 'not node', '--sim-arm-artifacts', str(folder / 'pages')]
+    assert f'{failed} failed' in run(site, package, options, status=1)
+    pages = list((folder / 'pages').rglob('arm.html'))
+    assert len(pages) == failed
+    assert all('expected' in page.read_text(encoding='utf-8') for page in pages)
+
+
+def test_each_value_has_its_source_and_is_that_of_the_model(folder: Path) -> None:
+    package = init('--urdf', 'arm.urdf')
+    lines = (package / 'mine' / 'arm.yaml').read_text(encoding='utf-8').splitlines()
+    values = [line for line in lines if re.match(r' {4,}[^ #].*: [^#]', line)]
+    assert len(values) > 10
+    assert all('  # ' in line for line in values)
+    found = parameters(package)
+    arm = found['sim_arm']
+    locked = dict(zip(arm['locked'], arm['locked_positions'], strict=True))
+    robot = pfd.load_robot(package / 'mine' / 'arm.urdf', locked=locked)
+    assert arm['tip_link'] == 'lower'
+    assert locked.keys() == set(gripper_arm.FINGERS)
+    assert arm['initial_positions'] == list(gripper_arm.START)
+    estimated = pfd.estimated_armature(robot)
+    assert list(arm['armature'].values()) == pytest.approx(estimated.tolist(), rel=1e-5)
+    assert 'friction' not in arm
+    assert robot.joint_names == gripper_arm.ARM
+
+
+def test_a_recording_gives_its_arm_and_says_what_is_left(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    start = [0.25, -0.5]
+    record(
+        folder,
+        publish_rate=RATE,
+        initial_positions=start,
+        noise_velocity=0.01,
+        **{'friction.elbow': 0.5},
+    )
+    arm = parameters(init('--bag', 'run.mcap'))['sim_arm']
+    assert arm['publish_rate'] == RATE
+    assert arm['initial_positions'] == start
+    assert arm['friction'] == {'elbow': 0.5}
+    assert 'armature' not in arm
+    assert "not taken from the recording: ['noise_velocity']" in capsys.readouterr().out
+    urdf = (folder / 'mine' / 'mine' / 'arm.urdf').read_text(encoding='utf-8')
+    assert urdf == gripper_arm.urdf()
+
+
+def test_logs_of_real_arms_give_rate_and_start(
+    folder: Path, real_arms: Path, tmp_path: Path
+) -> None:
+    log = real_arms / 'ur10_exciting_trajectory'
+    # Its joints have the names of the UR5 that is included.
+    package = init('--bag', str(log), '--robot', 'ur5')
+    arm = parameters(package)['sim_arm']
+    states = read_log(log)['/joint_states']
+    column = [states.names.index(name) for name in pfd.load_robot('ur5').joint_names]
+    assert arm['publish_rate'] == 125.0
+    assert arm['initial_positions'] == pytest.approx(states.position[0][column].tolist(), rel=1e-4)
+
+
+def test_a_package_is_formatted_and_free_of_lint(folder: Path) -> None:
+    package = init('--urdf', 'arm.urdf', '--ros2-control')
+    for command in (RUFF, [*FORMAT, '--config', "format.quote-style='single'"]):
+        tool = Path(sys.executable).with_name('ruff')
+        done = subprocess.run([tool, *command[1:], package], check=False, capture_output=True)
+        assert done.returncode == 0, done.stdout.decode()
+
+
+@pytest.mark.parametrize('control', [False, True], ids=['direct', 'ros2_control'])
+def test_the_launch_file_starts_arm_and_controller(
+    folder: Path,
+    control: bool,
+    recorder: dict[str, type[Recorded]],  # noqa: F811
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    name = f'launched_{control}'.lower()
+    package = init('--urdf', 'arm.urdf', *['--ros2-control'] * control, name=name)
+    monkeypatch.syspath_prepend(str(package))
+    started = nodes(package / 'launch' / 'arm.launch.py', recorder, folder / 'arm.urdf')
+    found = [(node['package'], node['executable']) for node in started]
+    own = [('pfd_ros', 'sim_node'), (name, name)]
+    manager = [('controller_manager', x) for x in ('ros2_control_node', 'spawner')]
+    assert found == own + manager * control
+    file, changed = started[0]['parameters']
+    assert Path(file) == package / name / 'arm.yaml'
+    with LockstepArm(**parameters(package)['sim_arm'], **changed) as arm:
+        assert arm.settings.command_topic == ('' if control else '/effort_controller/commands')
+        # Hardware that talks over topics would be a second source of commands.
+        expected = '/robot_joint_commands' if control else None
+        assert arm._described.topics.get('joint_commands') == expected
+
+
+# What is refused, and that nothing is left.
+
+
+@pytest.mark.parametrize(
+    ('name', 'words', 'reason'),
+    [
+        ('Mine', ['--urdf', 'arm.urdf'], "NAME must be .* got 'Mine'"),
+        ('my__arm', ['--urdf', 'arm.urdf'], 'NAME must be'),
+        ('json', ['--urdf', 'arm.urdf'], 'module or keyword'),
+        ('../mine', ['--urdf', 'arm.urdf'], 'NAME must be'),
+        ('there', ['--urdf', 'arm.urdf'], 'there exists'),
+        ('mine', [], 'no arm; name one'),
+        ('mine', ['--robot', 'ur55'], "unknown robot 'ur55'"),
+        ('mine', ['--urdf', 'arm.urdf', '--tip', 'nail'], "'nail'"),
+        ('mine', ['--urdf', 'weak.urdf'], "'elbow' cannot carry the arm: .* limit 1,"),
+        ('mine', ['--urdf', 'narrow.urdf'], "joint 'elbow' would reach its limits"),
+        ('mine', ['--bag', 'run.mcap', '--robot', 'ur5'], 'has no states of .*--rename'),
+    ],
+)
+def test_what_cannot_be_done_is_refused_and_leaves_nothing(
+    folder: Path, capsys: pytest.CaptureFixture[str], name: str, words: list[str], reason: str
+) -> None:
+    (folder / 'there').mkdir()
+    text = gripper_arm.urdf()
+    (folder / 'weak.urdf').write_text(text.replace('effort="90"', 'effort="1"'))
+    narrow = '<limit lower="-0.001" upper="0.001" velocity="9" effort="90"/>'
+    narrow += '<dynamics friction="20"/>'
+    shoulder, elbow, rest = text.split('<limit ', 2)
+    rest = rest.partition('/>')[2]
+    (folder / 'narrow.urdf').write_text(f'{shoulder}<limit {elbow}{narrow}{rest}')
+    if '--bag' in words:
+        record(folder)
+    before = sorted(folder.rglob('*'))
+    assert pfd_main(['init', name, *words]) == 1
+    assert re.search(reason, capsys.readouterr().err)
+    assert sorted(folder.rglob('*')) == before
+
+
+def test_a_package_that_cannot_be_written_leaves_nothing(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(self: Path, target: Path) -> None:
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(Path, 'rename', full)
+    assert pfd_main(['init', 'mine', '--urdf', 'arm.urdf']) == 1
+    assert [path.name for path in folder.iterdir()] == ['arm.urdf']
+
+
+# Builds, and the action.
+
+
+def steps(values: dict[str, str]) -> list[dict[str, Any]]:
+    """Return the steps of the action, with values in the place of expressions."""
+    text = ACTION.read_text(encoding='utf-8')
+    text = re.sub(r'\$\{\{ ([\w.]+) \}\}', lambda found: values[found[1]], text)
+    return yaml.safe_load(text)['runs']['steps']
+
+
+def test_a_package_has_the_action_of_this_repository(folder: Path) -> None:
+    package = init('--urdf', 'arm.urdf')
+    path = ACTION.relative_to(ROOT)
+    assert (package / path).read_bytes() == ACTION.read_bytes()
+    jobs = yaml.safe_load((package / '.github/workflows/test.yml').read_text())['jobs']
+    used = [step.get('uses') for step in jobs['test']['steps']]
+    assert used[-1] == f'./{path.parent.as_posix()}'
+
+
+@pytest.mark.slow
+def test_the_steps_of_the_action_install_test_and_keep_pages(folder: Path) -> None:
+    package, home = init('--urdf', 'arm.urdf'), folder / 'runner'
+    source = shutil.copytree(
+        ROOT,
+        folder / 'source',
+        ignore=shutil.ignore_patterns('.git', '.venv', 'build', '.*_cache'),
+    )
+    subprocess.run([sys.executable, '-m', 'venv', folder / 'env'], check=True, timeout=PATIENCE)
+    (site,) = (folder / 'env').glob('lib/python*/site-packages')
+    # Other packages are those of this environment, and nothing is fetched.
+    (site / 'others.pth').write_text(str(Path(pytest.__file__).parents[1]), encoding='utf-8')
+    environment = {
+        **os.environ,
+        'PATH': f'{folder / "env" / "bin"}:{os.environ["PATH"]}',
+        'PIP_NO_DEPS': '1',
+        'PIP_NO_BUILD_ISOLATION': '1',
+        'RUNNER_TEMP': str(home),
+        'PYTEST_ADDOPTS': '-k "not node"',
+    }
+    values = {
+        'inputs.package': str(package),
+        'inputs.pfd_ros': str(source),
+        'inputs.artifacts': 'pages',
+        'runner.temp': str(home),
+    }
+    home.mkdir()
+    found = []
+    for fault in (False, True):
+        if fault:
+            replaced(package / 'mine' / 'law.py', '(r - q)', '(q - r)')
+        for step in steps(values):
+            if 'run' in step:
+                done = subprocess.run(
+                    ['bash', '--noprofile', '--norc', '-eo', 'pipefail', '-c', step['run']],
+                    cwd=home,
+                    env={**environment, **step.get('env', {})},
+                    capture_output=True,
+                    text=True,
+                    check=False,
+                    timeout=10 * PATIENCE,
+                )
+                found.append(done.returncode)
+                assert done.returncode == (fault and step['name'] == 'Test'), done.stdout
+    (upload,) = (step for step in steps(values) if 'uses' in step)
+    assert found == [0, 0, 0, 1]
+    assert upload['if'] == 'failure()'
+    kept = {path.name for path in Path(upload['with']['path']).rglob('*') if path.is_file()}
+    assert {'arm.html', 'arm.mcap'} <= kept
+
+
+@pytest.mark.slow
+def test_colcon_builds_a_package(folder: Path) -> None:
+    colcon = shutil.which('colcon', path=str(Path(sys.executable).parent))
+    if colcon is None:
+        pytest.skip('colcon is not installed')
+    package = init('--urdf', 'arm.urdf', '--ros2-control')
+    source = folder / 'workspace' / 'src'
+    source.mkdir(parents=True)
+    package.rename(source / 'mine')
+    built = subprocess.run(
+        [colcon, 'build'], cwd=source.parent, capture_output=True, text=True, check=False
+    )
+    assert built.returncode == 0, built.stdout + built.stderr
+    prefix = source.parent / 'install' / 'mine'
+    (site,) = prefix.glob('lib/python*/site-packages')
+    for path in (
+        *(prefix / 'lib/mine/mine', prefix / 'share/mine/launch/arm.launch.py'),
+        *(site / 'mine' / name for name in ('arm.urdf', 'arm.yaml', 'controllers.yaml')),
+    ):
+        assert path.is_file(), path
+    code = 'import mine.law; print(mine.law.ROBOT.joint_names, mine.law.__file__)'
+    told = subprocess.check_output(
+        [sys.executable, '-c', code],
+        env={**os.environ, 'PYTHONPATH': f'{site}:{ROOT}'},
+        cwd=folder,
+        text=True,
+    )
+    assert told.startswith(str(gripper_arm.ARM))
+    assert str(site) in told

@@ -1,11 +1,17 @@
-"""The one description of the package: pip, colcon (ament_python) and the `pfd` command."""
+"""Both packages as the distribution pfd-ros: for pip, colcon (ament_python) and the `pfd` command.
+
+packaging/pfd-core describes the library alone. The version is stated in pfd_core and, for ROS, in
+package.xml.
+"""
 
 from glob import glob
 from pathlib import Path
+import re
 
 from setuptools import find_packages, setup
 
 NAME = 'pfd_ros'
+LIBRARY = Path('pfd_core/__init__.py').read_text(encoding='utf-8')
 ROBOTS = glob('config/robots/*')
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp']
 REPORT = ['matplotlib', 'mpmath']
@@ -22,7 +28,7 @@ DOCS = ['sphinx>=8.1', 'myst-parser>=4', 'furo']
 
 setup(
     name=NAME,
-    version='0.1.0',
+    version=re.findall("^__version__ = '(.*)'$", LIBRARY, re.MULTILINE)[0],
     description='A simulated robot arm for testing torque controllers',
     long_description=Path('README.md').read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
@@ -30,6 +36,15 @@ setup(
     maintainer='The pfd_ros authors',
     maintainer_email='maintainers@example.com',
     license='Apache-2.0',
+    classifiers=[
+        'Development Status :: 4 - Beta',
+        'Intended Audience :: Science/Research',
+        'Operating System :: POSIX :: Linux',
+        'Programming Language :: Python :: 3',
+        'Topic :: Scientific/Engineering',
+        'Topic :: Software Development :: Testing',
+        'Typing :: Typed',
+    ],
     python_requires='>=3.10',
     packages=[*find_packages(include=['pfd_core*', 'pfd_ros*']), 'pfd_core.config'],
     # The robots and the node's parameters travel inside the package, so that they are found

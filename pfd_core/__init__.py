@@ -43,7 +43,7 @@ The names below are the public ones. Each is imported from its module at its fir
 
 from typing import TYPE_CHECKING
 
-from pfd_core.forking import load, no_fork
+from pfd_core.forking import load
 
 if TYPE_CHECKING:
     from pfd_core.dynamics.methods import EMULATED_METHODS, METHODS, PAYLOAD_METHODS
@@ -86,7 +86,7 @@ if TYPE_CHECKING:
     from pfd_core.simulation.tableaux import INTEGRATORS
     from pfd_core.simulation.trajectory import Trajectory
 
-__version__: str
+__version__ = '0.1.0'
 
 __all__ = [
     'EFFECTS',
@@ -175,20 +175,7 @@ def __dir__() -> list[str]:
 if not TYPE_CHECKING:  # a type checker would take every unknown name for one of these
 
     def __getattr__(name):
-        if name == '__version__':
-            value = _version()
-        elif name in _MODULES:
-            value = load(f'{_MODULES[name]}.{name}')
-        else:
+        if name not in _MODULES:
             raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-        globals()[name] = value
+        value = globals()[name] = load(f'{_MODULES[name]}.{name}')
         return value
-
-
-def _version() -> str:
-    with no_fork:
-        from importlib.metadata import PackageNotFoundError, version
-    try:
-        return version('pfd_ros')
-    except PackageNotFoundError:  # a checkout that was never installed
-        return '0.1.0'

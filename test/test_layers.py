@@ -406,7 +406,7 @@ def test_many_threads_may_use_public_names_first() -> None:
     assert printed(THREADS) is True
 
 
-FORMATTED = ('pfd_core', 'pfd_ros', 'test', 'benchmarks', 'launch', 'setup.py')
+FORMATTED = ('pfd_core', 'pfd_ros', 'test', 'benchmarks', 'launch', 'packaging', 'setup.py')
 
 
 @pytest.mark.parametrize(
@@ -430,6 +430,7 @@ TIMEOUT = 240.0
 COLCON = shutil.which(
     'colcon', path=os.pathsep.join([str(Path(sys.executable).parent), os.environ['PATH']])
 )
+CORE = 'packaging/pfd-core'
 TEMPLATES = ROOT / 'pfd_ros/starter/templates'
 CLEAN = ('.git', '.venv', 'build', 'install', 'log', '__pycache__', '*.egg-info', '.*_cache')
 
@@ -465,12 +466,15 @@ def installed(sources: Path) -> dict[str, str]:
     return {str(path): path.read_text(encoding='utf-8') for path in files}
 
 
-def wheel(sources: Path) -> dict[str, str]:
+def wheel(sources: Path, name: str = 'pfd_ros') -> dict[str, str]:
     """Return the text of each file in the wheel, by path; pip fetches its tools for that."""
     run([sys.executable, '-m', 'pip', 'wheel', '--no-deps', '-q', '-w', 'dist', '.'], sources)
-    (path,) = (sources / 'dist').glob('pfd_ros-*.whl')
+    (path,) = (sources / 'dist').glob(f'{name}-*.whl')
     with zipfile.ZipFile(path) as found:
-        return {name: found.read(name).decode() for name in found.namelist()}
+        return {
+            part.rpartition('.dist-info/')[2]: found.read(part).decode()
+            for part in found.namelist()
+        }
 
 
 @pytest.mark.parametrize('build', [installed, pytest.param(wheel, marks=pytest.mark.slow)])
@@ -511,15 +515,37 @@ def test_package_xml_and_setup_py_agree() -> None:
     manifest = ET.parse(ROOT / 'package.xml').getroot()
     assert manifest.get('format') == '3'
     assert manifest.findtext('export/build_type') == 'ament_python'
-    call = next(
-        node
-        for node in ast.walk(ast.parse((ROOT / 'setup.py').read_text()))
-        if isinstance(node, ast.Call) and getattr(node.func, 'id', '') == 'setup'
+    fields = 'name', 'version', 'author', 'license'
+    stated = run([sys.executable, 'setup.py', *(f'--{field}' for field in fields)], ROOT)
+    assert [manifest.findtext(field) for field in fields] == stated.splitlines()[-4:]
+    assert manifest.findtext('version') == pfd.__version__
+
+
+USED = """
+import sys
+assert pfd.__file__.startswith(sys.path[1]), pfd.__file__
+print(run.status, trajectory.q.shape, {'pfd_ros', 'rclpy', 'pinocchio'} & {*sys.modules})
+"""
+
+
+@pytest.mark.slow
+def test_the_library_alone_is_a_distribution_that_runs_without_ros(copy: Path) -> None:
+    files = {x: wheel(copy / x, f'pfd_{kind}') for x, kind in (('.', 'ros'), (CORE, 'core'))}
+    ros, core = (
+        {line for line in files[x]['METADATA'].splitlines() if line.startswith('Requires-Dist')}
+        for x in files
     )
-    stated = {k.arg: k.value.value for k in call.keywords if isinstance(k.value, ast.Constant)}
-    assert manifest.findtext('version') == stated['version']
-    assert manifest.findtext('license') == stated['license'] == 'Apache-2.0'
-    assert manifest.findtext('name') == 'pfd_ros'
+    assert core <= ros
+    assert (
+        files['.'].items() >= {k: v for k, v in files[CORE].items() if k.endswith('.py')}.items()
+    )
+    target = copy.parent / 'site'
+    (path,) = (copy / CORE / 'dist').glob('*.whl')
+    with zipfile.ZipFile(path) as found:
+        found.extractall(target)
+    code = (copy / CORE / 'README.md').read_text().split('```python')[1].split('```')[0]
+    said = run([sys.executable, '-c', code + USED], target, PYTHONPATH=str(target))
+    assert said == 'ok (1000, 6) set()\n'
 
 
 @pytest.mark.slow

@@ -202,7 +202,7 @@ class _Mpmath:
         except ImportError as error:
             raise ImportError(
                 f'digits={digits} computes with mpmath, which is not installed: '
-                "pip install 'pfd_ros[report]'"
+                'run `pip install mpmath`'
             ) from error
         if digits < 1:
             raise ValueError(f'digits must be at least 1, got {digits}')

@@ -55,7 +55,7 @@ setup(
         'pfd_core': ['py.typed'],
         'pfd_ros': ['py.typed'],
         'pfd_ros.page': ['assets/*'],
-        'pfd_ros.starter': ['templates/*'],
+        'pfd_ros.starter': ['templates/**/*.in'],
         'pfd_ros.testing': ['*.xml'],
     },
     data_files=[

@@ -17,11 +17,11 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
     arm = parser.add_mutually_exclusive_group()
     arm.add_argument('--urdf', metavar='FILE', help='the arm: a URDF, xacro, MJCF or YAML file')
     arm.add_argument('--robot', metavar='R', help='the arm: a robot that `pfd robots` lists')
-    log = f'take the arm from a log, or only rate and start with --urdf or --robot: {ANY_LOG}'
+    log = f'the arm of a log; with --urdf or --robot only its rate and start: {ANY_LOG}'
     parser.add_argument('--bag', type=Path, metavar='LOG', help=log)
     add_rename(parser)
     tip = 'last link of the arm, in a model with a gripper or two arms; joints beyond are locked'
-    parser.add_argument('--tip', metavar='LINK', help=tip)
+    parser.add_argument('--tip', default='', metavar='LINK', help=tip)
     control = 'connect arm and controller through ros2_control, over topics'
     parser.add_argument('--ros2-control', action='store_true', help=control)
 
@@ -32,10 +32,7 @@ def _run(given: argparse.Namespace) -> int:
     from pfd_ros.starter.plan import plan_of
     from pfd_ros.starter.write import check_name, write_package
 
-    folder = Path(given.name)
     check_name(given.name)
-    if folder.exists():
-        raise FileExistsError(f'{folder} exists and is not overwritten; choose another NAME')
     source = given.robot if given.urdf is None else given.urdf
     if source is None and given.bag is None:
         raise ValueError('no arm; name one with --urdf FILE, --robot NAME or --bag LOG')
@@ -43,16 +40,12 @@ def _run(given: argparse.Namespace) -> int:
         warnings.simplefilter('default')
         arm = arm_of(source, given.bag, given.tip, dict(given.rename))
         plan = plan_of(arm)
-    remarks = dict.fromkeys([*arm.notes, *(str(warning.message) for warning in found)])
-    write_package(folder, arm, plan, given.ros2_control)
+    write_package(given.name, arm, plan, given.ros2_control)
     locked = f', locked {listed(arm.settings.locked)}' if arm.settings.locked else ''
-    print_lines(
-        [
-            f'{folder}: {arm.robot.name}, {arm.robot.n} joints, tip {arm.robot.tip!r}{locked}',
-            *(f'note: {note}' for note in remarks),
-            f'next: cd {folder} && pytest && ./run.sh',
-        ]
-    )
+    print_lines([f'{arm.robot.name}: {arm.robot.n} joints, tip {arm.robot.tip!r}{locked}'])
+    notes = dict.fromkeys([*arm.notes, *(str(warning.message) for warning in found)])
+    print_lines(f'note: {note}' for note in notes)
+    print_lines([f'next: cd {given.name} && pytest && ./run.sh'])
     return 0
 
 

@@ -1,14 +1,13 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A motion and gains for an arm, by rule from its inertia and limits.
+"""A motion and gains for an arm, by rule from its inertia, limits and control period.
 
-The law is computed torque along a minimum-jerk step: joint i of an exact model then moves as
-e'' + 2 w e' + w^2 e = (M^-1 d)_i, with its error e, its bandwidth w and the unknown torques d.
+The law is computed torque along a minimum-jerk step. The error of joint i of an exact model then
+obeys e'' + 2 w e' + w^2 e = (M^-1 d)_i, with its bandwidth w and the torques d that it lacks.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,32 +17,27 @@ import pfd_core as pfd
 from pfd_ros.starter.arm import Arm
 from pfd_ros.text import cut
 
-# Step of a joint, and an error that is large, rad or m; the latter also at most FREE_SHARE of its
-# range.
-STEP, LARGE_ERROR = {False: 0.5, True: 0.1}, {False: 0.1, True: 0.02}
-# Shares: of the range of a joint that its step may take, and that stays free at both ends; of a
-# limit that the velocity, the torques of the motion, gravity alone, and the feedback of a large
-# error may take.
-STEP_SHARE, FREE_SHARE, VELOCITY_SHARE = 0.25, 0.1, 0.5
-MOTION_SHARE, GRAVITY_SHARE, FEEDBACK_SHARE = 0.5, 0.4, 0.4
-# Bandwidth: at most 30 rad/s, below the first resonance of most gears; and slow enough for a
-# delay of three and a half control periods, as in the tests: it then costs 24 degrees of the 76
-# of phase margin.
-HIGHEST_BANDWIDTH, BANDWIDTH_DELAY = 30.0, 0.2
-DELAYED_PERIODS = 3.5
-# Durations to try, s; samples of a motion; postures to try where gravity is too much.
-DURATIONS = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.3, 8.0, 10.0)
-SAMPLES, POSTURES = 50, 300
-# The largest share of the feedback of a large error that a load of the tests takes.
+# Step of a joint that turns or slides, and an error that is large, rad or m.
+STEP, LARGE_ERROR = (0.5, 0.1), (0.1, 0.02)
+# Shares of the range of a joint: of its step, and of what stays free at each end. Shares of a
+# limit: of the velocity, the torques of the motion, gravity alone, the answer to a large error.
+STEP_SHARE, FREE_SHARE = 0.25, 0.1
+VELOCITY_SHARE, MOTION_SHARE, GRAVITY_SHARE, FEEDBACK_SHARE = 0.5, 0.5, 0.4, 0.4
+# The largest share of that answer that a load of the tests takes.
 TESTED_SHARE = 0.3
-# A joint whose inertia is a smaller share of the largest one has none.
-LEAST_INERTIA = 1e-12
-# The peak velocity of a minimum-jerk step of 1 in 1 s.
-PEAK = 1.875
+# A bandwidth is at most 30 rad/s, below the first resonance of most gears, and slow enough for a
+# delay of 3.5 control periods, as in the tests: it costs 24 degrees of the 76 of phase margin.
+HIGHEST_BANDWIDTH, BANDWIDTH_DELAY, DELAYED_PERIODS = 30.0, 0.2, 3.5
+# Durations to try, s, and postures where gravity is too much; samples of a motion.
+DURATIONS = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.3, 8.0, 10.0)
+POSTURES, SAMPLES = 300, 50
+# The peak velocity of a minimum-jerk step of 1 in 1 s; the least eigenvalue of an inertia matrix,
+# as a share of its largest diagonal element.
+PEAK, LEAST_INERTIA = 1.875, 1e-12
 
 
 class Plan(NamedTuple):
-    """Start and goal (n,), duration [s], bandwidth (n,) [rad/s]; and why the arm starts there."""
+    """Start and goal (n,), duration [s], bandwidth (n,) [rad/s]; why it starts there, or ''."""
 
     start: NDArray[Any]
     goal: NDArray[Any]
@@ -55,113 +49,88 @@ class Plan(NamedTuple):
 def plan_of(arm: Arm) -> Plan:
     """Return the motion and the gains of an arm.
 
-    ValueError if a joint has no inertia, cannot carry its weight, or cannot move in the longest
-    duration; the text names it.
+    ValueError, which names the joint, if one has no inertia, cannot carry its weight, is too weak,
+    or would reach its limits.
     """
-    robot = arm.robot
-    lower, upper, effort = robot.position_lower, robot.position_upper, robot.effort_limit
-    with np.errstate(invalid='ignore'):
-        width = upper - lower
-    limited = np.isfinite(width)
-    free = np.where(limited, FREE_SHARE * np.where(limited, width, 0.0), 0.0)
-    lower, upper = lower + free, upper - free
-    slides = [kind == 'prismatic' for kind in robot.joint_types]
-    step = np.array([STEP[key] for key in slides])
-    step = np.minimum(step, np.where(limited, STEP_SHARE * width, np.inf))
+    robot, numbers = arm.robot, arm.numbers
+    slides = np.array([kind == 'prismatic' for kind in robot.joint_types], int)
+    width = robot.position_upper - robot.position_lower
+    free = np.where(np.isfinite(width), FREE_SHARE * width, 0.0)
+    lower, upper = robot.position_lower + free, robot.position_upper - free
     slowest = VELOCITY_SHARE * robot.velocity_limit * DURATIONS[-1] / PEAK
-    step = np.minimum(step, slowest)
+    step = np.minimum(np.minimum(np.array(STEP)[slides], STEP_SHARE * width), slowest)
+    scene = pfd.Scene(
+        armature=numbers['armature'], damping=numbers['damping'], gravity=arm.settings.gravity
+    )
+
+    def goal(start: NDArray[Any]) -> NDArray[Any]:
+        return np.asarray(np.where(start + step <= upper, start + step, start - step))
+
+    def load(start: NDArray[Any]) -> NDArray[Any]:
+        """Return the share of each effort limit that gravity takes at both ends, (N, n)."""
+        gravity = pfd.compile_kernel(robot, quantity='gravity_torques', scene=scene)
+        shares = np.abs([gravity(start), gravity(goal(start))]) / robot.effort_limit
+        return np.asarray(shares.max(axis=0))
+
     given = np.array(arm.settings.initial_positions or np.zeros(robot.n))
     start = np.clip(given, lower, upper)
-    scene = pfd.Scene(
-        armature=arm.numbers['armature'],
-        damping=arm.numbers['damping'],
-        gravity=arm.settings.gravity,
-    )
-    gravity = pfd.compile_kernel(robot, quantity='gravity_torques', scene=scene)
-
-    def load(postures: NDArray[Any]) -> NDArray[Any]:
-        """Return the share of each effort limit that gravity takes, (N, n)."""
-        found: NDArray[Any] = np.abs(gravity(postures)) / effort
-        return found
-
-    reason = '' if (start == given).all() else f'inside of the limits by {FREE_SHARE:g} of them'
-    goal = _goal(start, step, upper)
-    if max(load(start[None]).max(), load(goal[None]).max()) > GRAVITY_SHARE:
+    reason = '' if (start == given).all() else 'moved a tenth of the range away from the limits'
+    if load(start[None]).max() > GRAVITY_SHARE:
         low = np.where(np.isfinite(lower), lower, np.minimum(0.0, upper) - 1.0)
         high = np.where(np.isfinite(upper), upper, np.maximum(0.0, lower) + 1.0)
         tried = np.random.default_rng(0).uniform(low, high, (POSTURES, robot.n))
-        loads = np.maximum(load(tried), load(_goal(tried, step, upper)))
+        loads = load(tried)
         best = int(np.argmin(loads.max(axis=1)))
-        joint = int(np.argmax(loads[best]))
-        if loads[best, joint] > GRAVITY_SHARE:
-            raise ValueError(
-                f'joint {cut(robot.joint_names[joint])!r} cannot carry the arm: in the best of '
-                f'{POSTURES} postures gravity takes {loads[best, joint]:.3g} of its effort limit '
-                f'{effort[joint]:g}, expected {GRAVITY_SHARE:g} at most; correct <limit effort> '
-                'or the masses in the model'
-            )
+        if loads[best].max() > GRAVITY_SHARE:
+            text = f'cannot carry the arm: in the best of {POSTURES} postures gravity takes '
+            text += f'{{:.3g}} of its effort limit, expected {GRAVITY_SHARE:g} at most'
+            raise _refusal(robot, loads[best], text)
         start, reason = tried[best], f'of {POSTURES} postures the one with least gravity torques'
-    start = _rounded(start)
-    goal = _rounded(_goal(start, step, upper))
-    duration, path = _timed(robot, scene, start, goal)
+    start, end = _rounded(start), _rounded(goal(start))
+    duration, path = _timed(robot, scene, start, end)
     inertia = pfd.compile_kernel(robot, quantity='inertia_matrix', scene=scene)(path)
     largest = np.diagonal(inertia, axis1=1, axis2=2).max(axis=0)
-    light = np.linalg.eigvalsh(inertia)[:, 0] < LEAST_INERTIA * largest.max()
-    if light.any():
-        joint = int(np.argmin(largest))
-        raise ValueError(
-            f'joint {cut(robot.joint_names[joint])!r} moves next to no inertia, '
-            f'{largest[joint]:.3g}; state masses, a rotor, or effort and velocity limits'
-        )
-    large = np.array([LARGE_ERROR[key] for key in slides])
-    large = np.minimum(large, np.where(limited, FREE_SHARE * width, np.inf))
-    bandwidth = np.sqrt(FEEDBACK_SHARE * effort / (largest * large))
+    if np.linalg.eigvalsh(inertia)[:, 0].min() < LEAST_INERTIA * largest.max():
+        raise _refusal(robot, 1.0 / largest, 'moves next to no inertia: add a mass or a rotor')
+    large = np.minimum(np.array(LARGE_ERROR)[slides], FREE_SHARE * width)
+    bandwidth = np.sqrt(FEEDBACK_SHARE * robot.effort_limit / (largest * large))
     delayed = BANDWIDTH_DELAY / (DELAYED_PERIODS * arm.period)
     bandwidth = _rounded(np.minimum(bandwidth, min(HIGHEST_BANDWIDTH, delayed)), 3)
-    unknown = arm.numbers['friction'] + TESTED_SHARE * largest * bandwidth**2 * large
-    shift = (np.abs(np.linalg.inv(inertia)) @ unknown).max(axis=0) / bandwidth**2
-    over = np.where(limited, shift / np.where(limited, free, 1.0), 0.0)
-    if over.max() > 1:
-        joint = int(np.argmax(over))
-        raise ValueError(
-            f'joint {cut(robot.joint_names[joint])!r} would reach its limits: friction and the '
-            f'loads of the tests shift it by {shift[joint]:.3g}, and its range is '
-            f'{width[joint]:.3g}; lock the joint, or correct friction or limits in the model'
-        )
-    return Plan(start, goal, duration, bandwidth, reason)
+    lacking = numbers['friction'] + TESTED_SHARE * largest * bandwidth**2 * large
+    shift = (np.abs(np.linalg.inv(inertia)) @ lacking).max(axis=0) / bandwidth**2
+    if (shift[free > 0] > free[free > 0]).any():
+        text = 'would reach its limits: friction and the loads of the tests shift it by {:.3g} of '
+        raise _refusal(robot, shift / width, f'{text}its range; lock it')
+    return Plan(start, end, duration, bandwidth, reason)
 
 
-def _goal(start: NDArray[Any], step: NDArray[Any], upper: NDArray[Any]) -> NDArray[Any]:
-    goal: NDArray[Any] = np.where(start + step <= upper, start + step, start - step)
-    return goal
+def _refusal(robot: pfd.Robot, shares: NDArray[Any], text: str) -> ValueError:
+    """Return the error about the joint with the largest share."""
+    joint = cut(robot.joint_names[int(np.argmax(shares))])
+    return ValueError(
+        f'joint {joint!r} {text.format(shares.max())}; or correct its limits and friction, or the '
+        'masses, in the model'
+    )
 
 
 def _timed(
-    robot: pfd.Robot, scene: pfd.Scene, start: NDArray[Any], goal: NDArray[Any]
+    robot: pfd.Robot, scene: pfd.Scene, start: NDArray[Any], end: NDArray[Any]
 ) -> tuple[float, NDArray[Any]]:
     """Return the shortest duration [s] that keeps the shares of the limits, and samples."""
     torques = pfd.compile_kernel(robot, quantity='inverse_dynamics', scene=scene)
     x = np.linspace(0.0, 1.0, SAMPLES)[:, None]
-    step = goal - start
-    path = start + step * x**3 * (10 - 15 * x + 6 * x**2)
-    rate, change = step * 30 * x**2 * (1 - x) ** 2, step * 60 * x * (1 - x) * (1 - 2 * x)
-    shares: Mapping[str, NDArray[Any]] = {}
+    path = start + (end - start) * x**3 * (10 - 15 * x + 6 * x**2)
+    rate = (end - start) * 30 * x**2 * (1 - x) ** 2
+    change = (end - start) * 60 * x * (1 - x) * (1 - 2 * x)
     for duration in DURATIONS:
         tau = torques(path, rate / duration, change / duration**2)
-        shares = {
-            'effort': np.abs(tau).max(axis=0) / robot.effort_limit / MOTION_SHARE,
-            'velocity': np.abs(rate).max(axis=0)
-            / duration
-            / robot.velocity_limit
-            / VELOCITY_SHARE,
-        }
-        if all((share <= 1 + 1e-6).all() for share in shares.values()):
+        loads = np.abs(tau).max(axis=0) / (MOTION_SHARE * robot.effort_limit)
+        speeds = np.abs(rate).max(axis=0) / (duration * VELOCITY_SHARE * robot.velocity_limit)
+        share = np.maximum(loads, speeds)
+        if share.max() <= 1.0:
             return duration, path
-    kind, share = max(shares.items(), key=lambda item: float(item[1].max()))
-    raise ValueError(
-        f'joint {cut(robot.joint_names[int(np.argmax(share))])!r} is too weak: a step in '
-        f'{DURATIONS[-1]:g} s exceeds its share of the {kind} limit {share.max():.3g} times'
-    )
+    text = f'is too weak: a step in {DURATIONS[-1]:g} s takes {{:.3g}} times half of its limits'
+    raise _refusal(robot, share, text)
 
 
 def _rounded(values: NDArray[Any], digits: int = 5) -> NDArray[Any]:

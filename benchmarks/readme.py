@@ -16,10 +16,9 @@ from typing import Any
 
 from benchmarks.__main__ import EXPECTED, FOLDER, page_named, stored
 from benchmarks.cases import paper
-from benchmarks.pages import counts, derivatives, error, hard_cases, speed
-from benchmarks.table import lines_of, page, paragraph, table
+from benchmarks.pages import counts, error, speed
+from benchmarks.table import lines_of, page, table
 
-WIDTH = 119
 ROOT = Path(__file__).resolve().parents[1]
 README, GUIDE = ROOT / 'README.md', ROOT / 'docs' / 'guides' / 'paper.md'
 MARKED = re.compile(r'(<!-- results -->\n).*?(<!-- /results -->)', re.DOTALL)
@@ -39,17 +38,9 @@ def _data(name: str) -> Any:
 
 
 def results() -> str:
-    """Return the table and the sentences of README.md."""
-    fast, simulated = _data('speed'), _data('error')
-    rows = speed.results_rows(fast) + error.results_rows(simulated)
-    sentences = (
-        f'{speed.for_any_robot(fast)} {error.without_rotors(simulated[error.CONTROLLED]["runs"])}',
-        hard_cases.summary(_data('hard-cases')),
-        derivatives.summary(_data('derivatives')),
-        counts.summary(_data('counts'), _data('claims')),
-    )
-    lines = '\n'.join(table(RESULT, rows))
-    return '\n\n'.join([lines, *(paragraph(x, WIDTH) for x in sentences)])
+    """Return the table of README.md."""
+    rows = speed.results_rows(_data('speed')) + error.results_rows(_data('error'))
+    return '\n'.join(table(RESULT, rows))
 
 
 # Rows of the guide: which, the rows of counts.json, system and edition.
@@ -96,6 +87,7 @@ def steps_of_pcrbm() -> str:
         published=published,
         best=best,
         rows=lines_of([*columns], ([cell(row) for cell in columns.values()] for row in rows)),
+        outcome=counts.summary(data, _data('claims')),
     ).rstrip('\n')
 
 

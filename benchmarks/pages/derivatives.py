@@ -120,17 +120,3 @@ def _outcome(data: Mapping[str, Any], matrix: str) -> str:
     units = {way: [x for _, of, x in _found(data, matrix) if of == way] for way in WAYS}
     texts = (f'{way} {short(median(x))}, {short(max(x))}' for way, x in units.items() if x)
     return f'{TITLES[matrix]}: {"; ".join(texts)}'
-
-
-def summary(data: Mapping[str, Any]) -> str:
-    """Return the outcome as a sentence, for README.md."""
-    pairs = list(_pairs(data))
-    own, peer = median(a for _, a, _ in pairs), median(b for _, _, b in pairs)
-    return page(
-        'derivatives-summary',
-        count=len({row['case'] for row in data['errors']}),
-        own=short(own),
-        peer=short(peer),
-        larger=sum(a > b for _, a, b in pairs),
-        compared=len(pairs),
-    )

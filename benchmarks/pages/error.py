@@ -196,7 +196,7 @@ def _tried(row: dict[str, Any], run: Run, wanted: Array) -> tuple[dict[str, Any]
 TOLERANCES = tuple(10.0**-k for k in (1, 2, 3, 4, 5, 6, 8, 10, 12))
 # Another motion has another error: advice has a margin.
 MARGIN = 2.0
-# Errors [rad] of the row of README.md: coarse and fine for a controller's test.
+# Errors [rad] of rows of README.md: coarse and fine for a controller's test.
 COARSE_AND_FINE = (1e-3, 1e-5)
 # Way: colour, marker and line in the plots.
 STYLES: Mapping[str, tuple[str, str, str]] = {
@@ -304,28 +304,23 @@ def _advice(rows: Sequence[Row]) -> list[str]:
 
 def results_rows(data: Mapping[str, Any]) -> list[dict[str, str]]:
     """
-    Return the row of README.md: what, ours, peer, theirs and speed-up, as text; [] without peers.
+    Return rows of README.md: what, ours, peer, theirs and speed-up, as text; none without peers.
 
     The fastest runs of one arm within each tolerance.
     """
-    found = [_fastest(data[CONTROLLED]['runs'], tolerance) for tolerance in COARSE_AND_FINE]
-    cells = [
-        (
-            f'{_milliseconds(own)} ms',
-            peer['way'],
-            f'{_milliseconds(peer)} ms',
-            short(peer['minimum'] / own['minimum']),
-        )
-        for own, _, peer in found
-        if own and peer
-    ]
-    within = ' / '.join(f'{tolerance:g}' for tolerance in COARSE_AND_FINE)
-    what = f'a second of a UR5 under a controller, to {within} rad'
-    return [result_row(what, cells)] if len(cells) == len(found) else []
+    rows = []
+    for tolerance in COARSE_AND_FINE:
+        own, _, peer = _fastest(data[CONTROLLED]['runs'], tolerance)
+        if own and peer:
+            what = f'a second of a UR5 under a controller, to {tolerance:g} rad'
+            times = f'{_milliseconds(own)} ms', f'{_milliseconds(peer)} ms'
+            ratio = short(peer['minimum'] / own['minimum'])
+            rows.append(result_row(what, [(times[0], peer['way'], times[1], ratio)]))
+    return rows
 
 
 def without_rotors(rows: Sequence[Row]) -> str:
-    """Return a sentence of README.md on our runs without rotors in steps of one period."""
+    """Return a sentence on our runs without rotors in steps of one period."""
     own = {row['way'].split()[1]: row for row in rows if row['way'].endswith(NO_ROTORS)}
     period = max(row['step'] for row in own.values())
     lost = ' and '.join(name for name, row in own.items() if row['minimum'] is None)

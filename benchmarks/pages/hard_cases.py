@@ -189,7 +189,7 @@ def box_rows(name: str, states: int) -> Tables:
 
 
 def _outcome(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the numbers that the page and README.md state."""
+    """Return the numbers that the outcome states."""
     ours = {
         states: [x for x in data['errors'] if (x['way'], x['states']) == ('pfd', states)]
         for states in ('own', 'held out')
@@ -238,11 +238,6 @@ def text(data: Mapping[str, Any]) -> str:
         arms=len({row['arm'] for row in data['boxes']}),
         boxes=table(shown('arm way dtype p1 median p99 largest'), data['boxes']),
     )
-
-
-def summary(data: Mapping[str, Any]) -> str:
-    """Return the outcome as a sentence, for README.md."""
-    return page('hard-cases-summary', **_outcome(data))
 
 
 def more_accurate(rows: Sequence[Row]) -> str:

@@ -138,7 +138,6 @@ COMPARED = {
 # Rows of README.md: one or two works of COMPARED.
 README = {
     f'a state in a {MANY}': (MANY,),
-    f'a state in a {FEW}': (FEW,),
     'one call, arrays bound before / `kernel(q, qd, tau)`': (BOUND, PLAIN),
 }
 # Lines of the picture: label, beginnings and end of the ways, colour and marker.
@@ -163,6 +162,7 @@ def text(data: dict[str, Any]) -> str:
         machine=data['machine'],
         angle=f'{LARGEST_ANGLE:g}',
         strongest=_strongest(data['rows']),
+        general=for_any_robot(data),
         works='\n\n'.join(_by_work(rows)),
         first=lines_of(['robot', 'code', 'time [ms]'], first),
         contents=_contents(data['rows']),
@@ -225,7 +225,7 @@ def results_rows(data: dict[str, Any]) -> list[dict[str, str]]:
 
 
 def for_any_robot(data: dict[str, Any]) -> str:
-    """Return a sentence of README.md on the peers that take any robot; '' without them."""
+    """Return a sentence on the peers that take any robot; '' without them."""
     found = compared(data['rows'], ROBOT, FORWARD, MANY)
     if found is None:
         return ''

@@ -24,8 +24,6 @@ import pinocchio as pin
 import pytest
 from tolerances import DYNAMICS
 
-import pfd_core as pfd
-
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / 'docs'
 PAGES = sorted([ROOT / 'README.md', ROOT / 'CHANGELOG.md', *DOCS.rglob('*.md')])
@@ -46,7 +44,6 @@ NAMED = re.compile(r'\bdocs/[\w/-]+\.md\b')
 RUN = {
     ('README.md', 'sh'): 'test_docs.py',
     ('README.md', 'py'): 'test_testing_artifacts.py',
-    ('README.md', 'python'): 'test_docs.py',
     ('docs/install.md', 'sh'): 'test_site.py',
     ('docs/guides/testing-a-controller.md', 'py'): 'test_testing_artifacts.py',
 }
@@ -262,16 +259,3 @@ def test_quantities_of_the_example_are_pinocchios() -> None:
     felt = np.linalg.inv(J @ np.linalg.inv(oracle.H(q)) @ J.T)
     # An inverse multiplies roundings by the condition.
     assert relative(names['felt'], felt) < DYNAMICS * np.linalg.cond(felt)
-
-
-def test_the_readmes_quantities_are_those_of_one_equation_of_motion() -> None:
-    blocks = BLOCK.findall(TEXTS['README.md'])
-    (code,) = (code for code, _ in blocks if 'linearize' in code)
-    q, qd, tau = np.random.default_rng(0).uniform(-1, 1, (3, 6))
-    names = {'pfd': pfd, 'q': q, 'qd': qd, 'tau': tau, 'taus': np.zeros((10, 6))}
-    exec(code, names)
-    robot, scene = names['robot'], names['sim'].scene
-    qdd = pfd.forward_dynamics(robot, q, qd, tau, scene=scene)
-    bias = pfd.compile_kernel(robot, scene=scene, quantity='bias_torques')(q, qd)
-    np.testing.assert_allclose(names['H'] @ qdd + bias, tau, rtol=1e-10)
-    assert (names['A'].shape, names['B'].shape) == ((12, 12), (12, 6))

@@ -74,7 +74,7 @@ def test_home_and_search_open_from_the_disk_without_errors(site: Path, tmp_path:
         def text() -> str:
             return str(page.value('document.body.innerText'))
 
-        wait_until(lambda: 'A simulated robot arm for ROS 2 Jazzy' in text(), text)
+        wait_until(lambda: 'Test torque controllers without a robot' in text(), text)
         search = (site / 'search.html').as_uri()
         page.call('Page.navigate', url=f'{search}?q=payload')
         links = "JSON.stringify([...document.querySelectorAll('.search li a')].map((a) => a.href))"

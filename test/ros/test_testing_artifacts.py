@@ -402,11 +402,18 @@ def test_a_domain_in_which_a_participant_runs_is_passed_over() -> None:
 # The code of README and guides.
 
 
-def test_the_test_in_the_readme_passes(sim_arm) -> None:
-    (code,) = re.findall('```py\n(.*?)```', (ROOT / 'README.md').read_text(encoding='utf-8'), re.S)
+def test_the_test_in_the_readme_passes_and_fails_with_the_sentence_shown(sim_arm) -> None:
+    page = (ROOT / 'README.md').read_text(encoding='utf-8')
+    (code,) = re.findall('```py\n(.*?)```', page, re.S)
     names: dict[str, Any] = {}
     exec(code, names)
     names['test_controller_settles'](sim_arm)
+    (change,) = re.findall(r'# add (\S+) to the settings to see it fail', code)
+    loaded = code.replace('gravity_compensation=True', f'gravity_compensation=True, {change}')
+    exec(loaded, names)
+    with pytest.raises(AssertionError) as failed:
+        names['test_controller_settles'](sim_arm)
+    assert f'`{str(failed.value).splitlines()[1].strip()}`' in page
 
 
 @pytest.mark.ros

@@ -20,7 +20,9 @@ from pfd_core.dynamics.methods import FORWARD
 from pfd_core.dynamics.quantities import EVERYTHING, QUANTITIES, UNBRAKED
 import pfd_ros
 from pfd_ros import testing
+from pfd_ros.arm.conventions import CONVENTIONS, Behaviour, behaviours, documents
 from pfd_ros.arm.events import ROLES
+from pfd_ros.arm.plant_settings import SCALES
 from pfd_ros.arm.setting_fields import Row
 from pfd_ros.arm.settings import FIELDS, Settings
 from pfd_ros.cli.doctor import EXTRAS
@@ -103,6 +105,7 @@ def _parameter(row: Row) -> tuple[str, str, str]:
     if not row.per_joint:
         return code(row.name), code(_default(row)), _meaning(row)
     default = code('0.0') if row.joint_default is None else 'of the model'
+    default = 'of the convention' if row.field in SCALES else default
     return code(f'{row.name}.<joint>'), default, _meaning(row)
 
 
@@ -117,6 +120,32 @@ def _parameters() -> str:
         )
         for owner, title in SETTINGS.items()
     )
+
+
+# Conventions.
+
+
+def _behaviour(row: Behaviour) -> tuple[str, ...]:
+    """Return a behaviour, what the arm does, and the source."""
+    names = {field.field: field.name for field in FIELDS}
+    given = [f'{names[x]}: {json.dumps(v).strip(QUOTE)}' for x, v in row.values.items()]
+    given += [f'{names[x]}: {json.dumps(v)}' for x, v in row.numbers.items()]
+    here = ', '.join([*(f'**{code(x)}**' for x in given), *([row.here] if row.here else [])])
+    if row.missing is not None:
+        here = f'*missing*{": " * bool(row.missing)}{row.missing}'
+    return f'{row.name}: {cell(row.text)}', here, cell(row.source)
+
+
+def _conventions() -> str:
+    """Return the behaviours of each convention, and the documents."""
+    parts = [
+        f'## {code(name)}\n\n'
+        + table(('documented', 'here', 'source'), map(_behaviour, behaviours(name)))
+        for name in CONVENTIONS
+        if behaviours(name)
+    ]
+    rows = ((key, cell(title)) for key, title in documents().items())
+    return '\n'.join([*parts, '## Documents\n\n' + table(('source', 'document'), rows)])
 
 
 # Topics.
@@ -334,6 +363,7 @@ def _map(package: Any) -> str:
 
 TABLES = {
     'parameters': _parameters,
+    'conventions': _conventions,
     'topics': _topics,
     'commands': _commands,
     'extras': _extras,

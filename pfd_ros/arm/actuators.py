@@ -8,28 +8,40 @@ within the limits of the motors. Native code computes the effort once a step, an
 over the step: the effort in joint_states is exactly the effort that acted. It is the effort after
 the limits, without friction and without the torque of gravity compensation: commands and states
 have one convention. Motors with a lag follow it. A reflex, if there is one, brakes all joints in
-the step in which an effort would jump.
+the step in which an effort would jump; and after a step in which a joint has left its limits, or
+the external wrench is too large. Commands are refused then until a reset.
 
 See docs/decisions/0033-one-state-one-step.md and 0032-one-table-of-effects.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
+from pfd_ros.arm.conventions import named
+from pfd_ros.arm.plant import EXTERNAL, Plant
 from pfd_ros.arm.plant_settings import in_model_order
 from pfd_ros.arm.settings import Settings
-from pfd_ros.arm.state import State
+from pfd_ros.arm.state import ACTED, BRAKE, State
 from pfd_ros.text import cut
 
 # For a joint whose model states no limit: the weight of all links at an arm of 5 m, N m or N, and
 # at least 1000; rad/s or m/s.
 LEVER, WIDE_EFFORT, WIDE_SPEED = 50.0, 1000.0, 100.0
+
+
+# Settings of the reflexes.
+REFLEXES = 'reflex_effort_rate', 'reflex_position', 'reflex_velocity', 'reflex_external_effort'
+
+
+def has_reflex(settings: Mapping[str, Any]) -> bool:
+    """Return whether settings, by field, have a reflex."""
+    return settings.get('on_timeout') == 'stop' or any(settings.get(x) for x in REFLEXES)
 
 
 def speed_limits(robot: pfd.Robot) -> NDArray[Any]:
@@ -72,16 +84,74 @@ class Actuators:
         )
 
 
-def trip(state: State, wanted: NDArray[Any], names: Sequence[str], largest_jump: float) -> None:
-    """Note why the reflex acts: one of the wanted efforts (n,) jumped."""
+class Watch(NamedTuple):
+    """A reflex on numbers after a step, (n,) in model order, with the bounds of each joint."""
+
+    # Its setting, what is bounded, and the numbers of a state.
+    setting: str
+    what: str
+    values: Callable[[State], NDArray[Any]]
+    lower: NDArray[Any]
+    upper: NDArray[Any]
+
+
+def watches(
+    settings: Settings, robot: pfd.Robot, order: NDArray[Any], plant: Plant
+) -> list[Watch]:
+    """Return the reflexes of settings that look at the state after a step."""
+    found = []
+    if settings.reflex_position:
+        bounds = robot.position_lower, robot.position_upper
+        found.append(Watch('reflex_position', 'position', lambda s: s.rows[s.now, 0], *bounds))
+    if settings.reflex_velocity:
+        most = robot.velocity_limit
+        found.append(Watch('reflex_velocity', 'velocity', lambda s: s.rows[s.now, 1], -most, most))
+    if EXTERNAL in plant.kernels:
+        torques = plant.kernels[EXTERNAL]
+        most = in_model_order(settings.reflex_external_effort, order)
+        most = np.where(most > 0.0, most, np.inf)
+        found.append(
+            Watch(
+                'reflex_external_effort',
+                'external effort',
+                lambda s: torques(s.rows[s.now, 0], wrench=s.wrench[ACTED]),
+                -most,
+                most,
+            )
+        )
+    return found
+
+
+def violated(state: State, found: Sequence[Watch], names: Sequence[str]) -> str:
+    """Return why a reflex acts on the state of a step, '' if none does; not on braked joints."""
+    free = state.acting[BRAKE] == 0.0
+    for watch in found:
+        values = watch.values(state)
+        beyond = np.flatnonzero(((values < watch.lower) | (values > watch.upper)) & free)
+        if len(beyond):
+            k = beyond[0]
+            bound = (watch.upper if values[k] > watch.upper[k] else watch.lower)[k]
+            text = f'the {watch.what} of {cut(names[k])!r} is {values[k]:.6g}, limit {bound:.6g}'
+            return named(state.settings.convention, watch.setting, text)
+    return ''
+
+
+def trip(state: State, why: str) -> None:
+    """Note why a reflex acts."""
+    state.trips += 1
+    state.tripped = why
+
+
+def jumped(state: State, wanted: NDArray[Any], names: Sequence[str], largest_jump: float) -> str:
+    """Return why the reflex acts: one of the wanted efforts (n,) jumped."""
     # Halves: a difference of the largest numbers would overflow.
     halves = np.abs(0.5 * wanted - 0.5 * state.motors.before)
     joint = int(np.nanargmax(halves))
-    state.trips += 1
-    state.tripped = (
+    text = (
         f'the effort of {cut(names[joint])!r} changed by {2.0 * float(halves[joint]):.6g} '
         f'in one step, limit {largest_jump:.6g}'
     )
+    return named(state.settings.convention, 'reflex_effort_rate', text)
 
 
 def restart(state: State) -> None:

@@ -91,10 +91,12 @@ class Arm:
 
     def derive(self, plant: Plant) -> None:
         """Take over what follows from the settings in the state, of which this is the plant."""
-        settings, sensors = self.state.settings, Sensors(self.state.settings, self.order)
+        settings = self.state.settings
+        sensors = Sensors(settings, self.order, plant)
         self.plant, self.sensors = plant, None if sensors.exact else sensors
         self.actuators = Actuators(settings, self.robot, self.order, plant.scene)
         self.link = Link(settings)
+        self.watches = actuators.watches(settings, self.robot, self.order, plant)
         # Whether each cycle has to look at the link and at the wrench, and whether the next one
         # tells about the payload.
         self.watched, self.wrenched = not self.link.idle, plant.scene.external_wrench
@@ -156,20 +158,32 @@ class Arm:
             state.now = following
             if state.age < self._delay:
                 state.age += 1
+            if self.watches:
+                why = actuators.violated(state, self.watches, self.robot.joint_names)
+                if why:
+                    self._brake(why)
         elif state.motors.jumped:
             # Native code has ended before the step; the efforts that it wanted are in the row.
             wanted = state.rows[following, 2]
-            actuators.trip(state, wanted, self.robot.joint_names, self.actuators.largest_jump)
-            stop(state, brake=True)
-            self.note_inputs()
+            names, most = self.robot.joint_names, self.actuators.largest_jump
+            self._brake(actuators.jumped(state, wanted, names, most))
             self.advance()
         elif state.simulation.status == 'too_many_events':
             self.fail(f'step {state.step + 1} has too many impacts and reversals of joints')
         else:
             self.fail(f'the state after step {state.step + 1} is not finite')
 
+    def _brake(self, why: str) -> None:
+        """Let a reflex brake all joints from the next step on."""
+        actuators.trip(self.state, why)
+        stop(self.state, brake=True)
+        self.note_inputs()
+
     def _set_inputs(self) -> None:
         state = self.state
+        if state.settings.reflex_effort_start:
+            released = (state.simulation.arrays['free'] == 0.0) & (state.acting[BRAKE] == 0.0)
+            state.motors.before[released] = 0.0
         self.plant.simulator.set_inputs(
             state.simulation,
             wrench=state.wrench[ACTED] if self.wrenched else None,

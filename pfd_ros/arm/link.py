@@ -6,8 +6,9 @@
 
 The delay applies to targets and feed-forward efforts; servos act after the link, on the true
 state. So does the watchdog: after `command_timeout` without a command it brakes the joints, sets
-zero efforts, or has the servos hold the position, until the next command. Commands in flight are
-lost then. It counts cycles, so it stops in a pause, and a replay is equal.
+zero efforts, or has the servos hold the position, until the next command; or it is a reflex, which
+ends at a reset. Commands in flight are lost then. It counts cycles, so it stops in a pause, and a
+replay is equal.
 """
 
 from __future__ import annotations
@@ -17,12 +18,18 @@ import math
 import numpy as np
 
 from pfd_ros.arm import actuators
+from pfd_ros.arm.conventions import named
 from pfd_ros.arm.noise import Channel, uniform
 from pfd_ros.arm.settings import Settings, timeout_steps
 from pfd_ros.arm.state import BRAKE, EFFORT, POSITION, VELOCITY, State
 
 # Reactions of the watchdog, by `on_timeout`.
-ACTIONS = {'brake': 'brakes on', 'zero': 'zero efforts', 'hold': 'servos hold the position'}
+ACTIONS = {
+    'brake': 'brakes on',
+    'zero': 'zero efforts',
+    'hold': 'servos hold the position',
+    'stop': 'brakes on until ~/reset',
+}
 
 
 def timeout_text(settings: Settings) -> str:
@@ -45,6 +52,7 @@ class Link:
     def __init__(self, settings: Settings) -> None:
         self._on_timeout, self._seed = settings.on_timeout, settings.seed
         self.drop, self.delay = settings.drop_commands, settings.command_delay_steps
+        self._convention, self._seconds = settings.convention, settings.command_timeout
         self._timeout = timeout_steps(settings.command_timeout, settings.step_size)
         self.idle = not self.delay and math.isinf(self._timeout)
 
@@ -76,11 +84,14 @@ class Link:
             stop(state)
             state.acting[POSITION] = state.newest[POSITION] = held
         else:
-            stop(state, brake=self._on_timeout == 'brake')
+            stop(state, brake=self._on_timeout in ('brake', 'stop'))
         state.silenced = True
         state.timeouts += 1
         # A reflex ignores the jumps that the watchdog causes.
         actuators.restart(state)
+        if self._on_timeout == 'stop':
+            text = f'no command for {self._seconds:g} s'
+            actuators.trip(state, named(self._convention, 'command_timeout', text))
         return True
 
 

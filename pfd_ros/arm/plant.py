@@ -13,12 +13,22 @@ from dataclasses import replace
 import hashlib
 from typing import Any, NamedTuple
 
+import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
+from pfd_ros.arm.conventions import PLAIN
 from pfd_ros.arm.events import OPTIONAL, ROLES
-from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD, given_effects, payload_numbers
-from pfd_ros.arm.settings import POSITION_SUMS, Settings
+from pfd_ros.arm.plant_settings import (
+    COMPILED,
+    EFFECT_FIELDS,
+    PAYLOAD,
+    SCALES,
+    given_effects,
+    in_model_order,
+    payload_numbers,
+)
+from pfd_ros.arm.settings import PER_JOINT, POSITION_SUMS, Settings, joint_values
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.text import cut
 
@@ -27,6 +37,16 @@ from pfd_ros.text import cut
 MOST_COMPILED = 4
 # The payload of a scene whose native code takes one with each step.
 INPUT = 'input'
+# The kernel of the gravity torques that the drives add, where states show them.
+ADDED = 'added gravity torques'
+# The kernel of the torques of the external wrench, where a reflex bounds them.
+EXTERNAL = 'external torques of a reflex'
+# Friction of a scene, and the setting of the share that the drives compensate.
+COMPENSATED = {
+    'damping': 'viscous_scale',
+    'friction': 'coulomb_scale',
+    'static_friction': 'coulomb_scale',
+}
 
 
 class Plant(NamedTuple):
@@ -40,6 +60,8 @@ class Plant(NamedTuple):
     inputs: Mapping[str, pfd.Payload | None]
     # Mass, center and inertia (xx, xy, xz, yy, yz, zz) of the payload, () without one.
     payload: tuple[float, ...]
+    # Friction that the drives compensate, by field: damping and friction, (n,).
+    friction: Mapping[str, NDArray[Any]]
 
     @property
     def program(self) -> str:
@@ -60,7 +82,7 @@ class Plants:
         self._robot, self._order = robot, order
         # Simulator and kernels by the digest of the scene.
         self._compiled: dict[str, tuple[pfd.MotorSimulator, dict[str, Any]]] = {}
-        self._first = scene_of(settings, order).payload
+        self._first = self._scene(settings)[0].payload
         self._varies = False
         self._varies = self.prepare(settings).simulator.method in pfd.PAYLOAD_METHODS
 
@@ -69,7 +91,7 @@ class Plants:
 
         A payload that is an input takes a tenth of a millisecond, but for the first.
         """
-        scene = scene_of(settings, self._order)
+        scene, friction = self._scene(settings)
         payload = _payload_of(scene)
         compiled = self._of_code(scene)
         simulator, kernels = self._native(settings, compiled)
@@ -77,11 +99,26 @@ class Plants:
         if inputs:
             simulator.prepare_payload(payload)
         numbers = () if payload is None else payload_numbers(payload)
-        return Plant(scene, simulator, kernels, inputs, numbers)
+        return Plant(scene, simulator, kernels, inputs, numbers, friction)
 
     def ready(self, settings: Settings) -> bool:
         """Return whether nothing has to be compiled for settings."""
-        return self._of_code(scene_of(settings, self._order)).digest in self._compiled
+        return self._of_code(self._scene(settings)[0]).digest in self._compiled
+
+    def _scene(self, settings: Settings) -> tuple[pfd.Scene, dict[str, NDArray[Any]]]:
+        """Return the scene without the friction that the drives compensate, and this friction.
+
+        They know the friction and the velocity, so what is left is a joint with less of it.
+        """
+        scene = scene_of(settings, self._order)
+        found = _friction(scene, settings, self._robot, self._order)
+        left: dict[str, Any] = {name: x * (1.0 - share) for name, (x, share) in found.items()}
+        if 'static_friction' in left:
+            # Joints without a number have that of sliding.
+            sliding, resting = left['friction'], left['static_friction']
+            left['static_friction'] = np.where(np.isnan(resting), sliding, resting)
+        taken = {name: x * share for name, (x, share) in found.items()}
+        return replace(scene, **left), taken
 
     def _of_code(self, scene: pfd.Scene) -> pfd.Scene:
         """Return a scene as native code has it, perhaps with its payload as an input."""
@@ -103,6 +140,16 @@ class Plants:
                 for role, quantity in quantities.items()
                 if quantity
             }
+            model = scene.gravity_compensation
+            if settings.state_effort != 'command' and model:
+                model = pfd.Scene(gravity=scene.gravity) if model is True else model
+                kernels[ADDED] = pfd.compile_kernel(
+                    self._robot, scene=model, quantity='gravity_torques'
+                )
+            if settings.external_wrench and any(settings.reflex_external_effort):
+                kernels[EXTERNAL] = pfd.compile_kernel(
+                    self._robot, scene=alone, quantity='wrench_torques'
+                )
             simulator = pfd.MotorSimulator(self._robot, scene, **simulator_settings(settings))
             found = simulator, kernels
             # The oldest go; a list, since other threads may ask meanwhile.
@@ -150,14 +197,41 @@ def scene_of(settings: Settings, order: NDArray[Any]) -> pfd.Scene:
     else:
         gravity = settings.gravity if any(settings.gravity) else None
         scene = pfd.Scene(gravity=gravity, **given_effects(settings, order))
-    compensated = settings.gravity_compensation or settings.convention == 'franka'
+    compensated = (
+        scene.gravity_compensation or settings.gravity_compensation or settings.convention != PLAIN
+    )
+    if settings.load_mass:
+        if not compensated:
+            raise ValueError(
+                f'load.mass is {settings.load_mass!r}, but nothing compensates it: set '
+                'gravity_compensation or convention'
+            )
+        load = pfd.Payload(settings.load_mass, settings.load_center)
+        model = pfd.Scene(gravity=scene.gravity) if compensated is True else compensated
+        compensated = replace(model, payload=load)
     return replace(
         scene,
         brakes=True,
         external_wrench=scene.external_wrench or settings.external_wrench,
-        gravity_compensation=scene.gravity_compensation or compensated,
+        gravity_compensation=compensated,
         payload=settings.payload or scene.payload,
     )
+
+
+def _friction(
+    scene: pfd.Scene, settings: Settings, robot: pfd.Robot, order: NDArray[Any]
+) -> dict[str, tuple[NDArray[Any], NDArray[Any]]]:
+    """Return the friction of a scene and the share that drives compensate, (n,), by field."""
+    rows = {row.field: row for row in PER_JOINT if row.field in SCALES}
+    fields = {field.name: field for field in EFFECT_FIELDS}
+    found = {}
+    for name, setting in COMPENSATED.items():
+        shares = joint_values(rows[setting], settings, robot, order.tolist())
+        if any(shares):
+            numbers = fields[name].resolved(robot, getattr(scene, name))
+            if numbers is not None:
+                found[name] = numbers, in_model_order(shares, order)
+    return found
 
 
 def _from_text(text: str) -> pfd.Scene:

@@ -30,7 +30,9 @@ EFFECT_FIELDS = tuple(x for effect in pfd.EFFECTS if effect.of_joints for x in e
 DEFAULTS = {'static_friction': 'joint_friction'}
 # Fields that other values need other native code for.
 PAYLOAD = ('payload_mass', 'payload_center', 'payload_inertia')
-COMPILED = frozenset({'gravity_compensation', *PAYLOAD})
+LOAD = ('load_mass', 'load_center')
+SCALES = ('viscous_scale', 'coulomb_scale')
+COMPILED = frozenset({'gravity_compensation', *PAYLOAD, *LOAD, *SCALES})
 
 
 def payload_numbers(payload: pfd.Payload) -> tuple[float, ...]:
@@ -174,6 +176,12 @@ class PlantSettings:
         -1e6,
         1e6,
         name='payload.inertia',
+    )
+    load_mass: float = _payload(
+        0.0, 'Mass at the tip that gravity compensation knows of, kg', 0.0, 1e5, name='load.mass'
+    )
+    load_center: tuple[float, ...] = _payload(
+        (0.0,) * 3, 'Centre (x, y, z) in the tip link, m', -1e3, 1e3, name='load.center'
     )
     external_wrench: bool = setting(False, 'Take forces on the last link from ~/external_wrench')
     external_wrench_timeout: float = setting(

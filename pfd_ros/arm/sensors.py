@@ -6,6 +6,10 @@ Each kind of number (position, velocity, effort) is
 
     measured = quantized(true value, delay.state ago + bias + noise)
 
+The true effort is the commanded one within the limits, or with `state_effort` torque or current
+the torque of the motor: with the gravity torque and the friction that drives add, and divided by
+`torque_constant`. At rest friction adds nothing.
+
 Velocities have a separate quantization and are not differences of positions. The stamp of a state
 is the time of its publication: a driver does not know the age of its numbers. `drop.state` is the
 share of states that are not published; the output true_states has those, too.
@@ -23,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_ros.arm.noise import Channel, normal, uniform
+from pfd_ros.arm.plant import ADDED, Plant
 from pfd_ros.arm.plant_settings import in_model_order
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.state import State
@@ -36,7 +41,11 @@ _MOST_COUNTS = 2.0**52
 class Sensors:
     """What the settings decide about the sensors; `exact` if states are measured as they are."""
 
-    def __init__(self, settings: Settings, order: NDArray[Any]) -> None:
+    def __init__(self, settings: Settings, order: NDArray[Any], plant: Plant) -> None:
+        self._gravity = plant.kernels.get(ADDED)
+        self._shown = settings.state_effort
+        self._friction = plant.friction
+        self._constants = in_model_order(settings.torque_constant, order)
         self._seed, self._drop = settings.seed, settings.drop_state
         # Noise is numbered in published order.
         self._place = np.argsort(order)
@@ -45,12 +54,17 @@ class Sensors:
         self._noise = [getattr(settings, f'noise_{kind}') for kind in JOINT_FIELDS]
         self._steps = [getattr(settings, f'quantization_{kind}') for kind in JOINT_FIELDS]
         errors = self._bias.any() or any(self._noise) or any(self._steps)
+        errors = errors or self._shown != 'command'
         self.exact = not (errors or settings.state_delay_steps or self._drop)
 
     def measured(self, state: State) -> NDArray[Any]:
         """Return the measured state of this cycle, (3, n) in model order; its numbers are new."""
         # The rows are a ring: below 0 is its end.
-        values: NDArray[Any] = state.rows[state.now - state.age] + self._bias
+        values: NDArray[Any] = state.rows[state.now - state.age]
+        if self._shown != 'command':
+            values = values.copy()
+            values[2] = self._of_motor(*values)
+        values = values + self._bias
         cycle, count = state.cycle - state.epoch, values.shape[1]
         kinds = zip(values, self._noise, CHANNELS, self._steps, strict=True)
         for row, noise, channel, step in kinds:
@@ -60,6 +74,14 @@ class Sensors:
                 fine = np.abs(row) < _MOST_COUNTS * step
                 row[fine] = np.rint(row[fine] / step) * step
         return values
+
+    def _of_motor(self, q: NDArray[Any], qd: NDArray[Any], effort: NDArray[Any]) -> NDArray[Any]:
+        """Return the torque or the current of each motor, (n,), for a commanded effort."""
+        torque: NDArray[Any] = effort if self._gravity is None else effort + self._gravity(q)
+        if self._shown == 'current':
+            viscous, coulomb = (self._friction.get(x, 0.0) for x in ('damping', 'friction'))
+            torque = (torque + viscous * qd + coulomb * np.sign(qd)) / self._constants
+        return torque
 
     def drops(self, state: State) -> bool:
         """Return whether the state of this cycle is not published."""

@@ -19,6 +19,7 @@ import math
 from typing import Any
 
 import pfd_core as pfd
+from pfd_ros.arm.conventions import CONVENTIONS, PLAIN, defaults, joint_numbers
 from pfd_ros.arm.events import MOST_STEPS, OPTIONAL
 from pfd_ros.arm.noise import LARGEST_SEED
 from pfd_ros.arm.plant_settings import PlantSettings
@@ -61,6 +62,12 @@ def _gain(description: str) -> Any:
     return _dynamic((), description, 0.0, LARGEST_GAIN, per_joint=True)
 
 
+def _scale(name: str, of: str) -> Any:
+    text = f'Share of {of} that the drives compensate; default: of the convention'
+    default = joint_numbers(name)
+    return _dynamic((), text, 0.0, 1.0, per_joint=True, joint_default=default)
+
+
 def _error(name: str, description: str) -> Any:
     return _dynamic(0.0, description, 0.0, LARGEST_ERROR, name=name)
 
@@ -86,8 +93,12 @@ class CommandSettings:
     wait_for_controller: bool = setting(False, 'In lockstep, the first step waits for a command')
     step_count: int = setting(1, 'Steps of one call of ~/step', 1, MOST_STEPS)
     convention: str = setting(
-        'plain', 'Efforts with gravity, or without (franka)', values=('plain', 'franka')
+        PLAIN,
+        'Torque control as documented by a vendor: other defaults, and efforts without gravity',
+        values=CONVENTIONS,
     )
+    viscous_scale: tuple[float, ...] = _scale('viscous_scale', 'damping')
+    coulomb_scale: tuple[float, ...] = _scale('coulomb_scale', 'friction')
     effort_limits: bool = _dynamic(True, 'Limit efforts to the limits of the model or the scene')
     torque_speed: bool = _dynamic(
         True, 'Limit efforts by torque-speed tables, of the model or the scene'
@@ -101,8 +112,8 @@ class CommandSettings:
     )
     on_timeout: str = _dynamic(
         'brake',
-        'What acts then: brakes, no effort, the servos',
-        values=('brake', 'zero', 'hold'),
+        'What acts then: brakes, no effort, the servos, or a reflex',
+        values=('brake', 'zero', 'hold', 'stop'),
     )
     delay_commands: float = _delay('delay.commands', 'From reception of a command to its effect')
     drop_commands: float = _dynamic(
@@ -110,6 +121,22 @@ class CommandSettings:
     )
     reflex_effort_rate: float = _dynamic(
         0.0, 'Rate of an effort that brakes all joints, N m/s or N/s; 0: off', 0.0, 1e9
+    )
+    reflex_effort_start: bool = _dynamic(
+        False, 'Compare the first effort of a joint with 0, too: for reflex_effort_rate'
+    )
+    reflex_position: bool = _dynamic(
+        False, 'Brake all joints if one leaves the position limits of the model'
+    )
+    reflex_velocity: bool = _dynamic(
+        False, 'Brake all joints if one exceeds the velocity limit of the model'
+    )
+    reflex_external_effort: tuple[float, ...] = setting(
+        (),
+        'Effort of ~/external_wrench at a joint that brakes all joints, N m or N; 0: none',
+        0.0,
+        LARGEST_ERROR,
+        per_joint=True,
     )
 
 
@@ -129,6 +156,18 @@ class SensorSettings:
     """The settings of measured states, and of outputs in addition to them."""
 
     outputs: tuple[str, ...] = setting((), 'Published with each state', values=OPTIONAL)
+    state_effort: str = setting(
+        'command',
+        'Effort in joint_states: as commanded, with the torques that drives add, or current',
+        values=('command', 'torque', 'current'),
+    )
+    torque_constant: tuple[float, ...] = setting(
+        (),
+        'Torque at the joint for a current of the motor, N m/A or N/A',
+        0.0,
+        LARGEST_ERROR,
+        per_joint=True,
+    )
     seed: int = setting(0, 'Seed of all noise', 0, LARGEST_SEED)
     noise_position: float = _error('noise.position', 'Standard deviation, rad or m')
     noise_velocity: float = _error('noise.velocity', 'Standard deviation, rad/s or m/s')
@@ -229,15 +268,17 @@ class Settings(CommandSettings, PlantSettings, DescriptionSettings, SensorSettin
     def from_values(cls, values: Any) -> Settings:
         """Return settings from values by field, perhaps from outside; others have their default.
 
-        ValueError if a name is not known, or a value has the wrong type or is refused.
+        It is the default of the convention. ValueError if a name is not known, or a value has the
+        wrong type or is refused.
         """
-        return cls(**typed_values(values))
+        given = typed_values(values)
+        return cls(**{**defaults(given.get('convention', PLAIN)), **given})
 
     @classmethod
     def from_json(cls, text: str) -> Settings:
         """Return the settings of `to_json`; ValueError for other texts, as `from_values`."""
         try:
-            return cls.from_values(json.loads(text))
+            return cls(**typed_values(json.loads(text)))
         except RecursionError:
             raise ValueError('the settings are nested too deep, expected a JSON object') from None
 
@@ -373,8 +414,28 @@ def check_counts(settings: Settings, count: int) -> None:
             raise ValueError(
                 f'{name} holds {given} numbers, expected {count}, one for each joint, or none'
             )
+    constants = settings.torque_constant
+    if settings.state_effort == 'current' and not (constants and min(constants) > 0.0):
+        raise ValueError(
+            "state_effort is 'current', expected torque_constant above 0 for every joint, N m/A: "
+            'that of the motor times the gear ratio'
+        )
     if settings.on_timeout == 'hold' and not (settings.servo_p and min(settings.servo_p) > 0.0):
         raise ValueError("on_timeout is 'hold', expected servo_p above 0 for every joint")
+
+
+def with_convention(settings: Settings, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return new values by field, and with a new convention its values, too.
+
+    They replace the values of the old convention, not others.
+    """
+    names = settings.convention, values.get('convention', settings.convention)
+    if names[0] == names[1]:
+        return dict(values)
+    old, new = (vars(Settings.from_values({'convention': name})) for name in names)
+    changed = {name for x in names for name in defaults(x)}
+    same = {name: new[name] for name in sorted(changed) if getattr(settings, name) == old[name]}
+    return {**same, **values}
 
 
 def joint_order(wanted: Sequence[str], robot: pfd.Robot) -> tuple[int, ...]:

@@ -31,6 +31,7 @@ from rclpy.parameter import Parameter
 import yaml
 
 import pfd_core as pfd
+from pfd_ros.arm.conventions import defaults
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import PARAMETERS
 from pfd_ros.arm.other_inputs import changed
@@ -82,16 +83,22 @@ def declare(node: Node) -> bool:
     """Declare every setting except those per joint, and return the value of `autostart`.
 
     They are read-only, except dynamic ones. All of a node without autostart may be changed before
-    each configuration. ParameterException if a value has the wrong type or is out of its range.
+    each configuration, but for the convention, on which defaults depend. ParameterException if a
+    value has the wrong type or is out of its range.
     """
-    autostart = True
-    for row in sorted(_SINGLE, key=lambda row: row.field != 'autostart'):
+    autostart, values = True, dict[str, Any]()
+    first = 'autostart', 'convention'
+    for row in sorted(_SINGLE, key=lambda row: row.field not in first):
+        default = values.get(row.field, row.default)
         # Without a default value an empty array has no type; the type alone has no default.
-        array = isinstance(row.default, tuple)
-        given = (list(row.default) or _KINDS[row.type]) if array else row.default
-        node.declare_parameter(row.name, given, _descriptor(row, fixed=autostart))
+        array = isinstance(default, tuple)
+        given = (list(default) or _KINDS[row.type]) if array else default
+        fixed = autostart or row.field == 'convention'
+        node.declare_parameter(row.name, given, _descriptor(row, fixed=fixed))
         if row.field == 'autostart':
             autostart = bool(node.get_parameter(row.name).value)
+        elif row.field == 'convention':
+            values = defaults(str(node.get_parameter(row.name).value))
     return autostart
 
 

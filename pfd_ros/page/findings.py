@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from pfd_ros.arm.actuators import has_reflex
 from pfd_ros.arm.events import (
     ARRAY,
     COMMANDS,
@@ -133,7 +134,7 @@ def _rejected(run: Recorded) -> Iterator[Finding]:
     kinds = [kind for kind, _ in texts]
     for kind, times in _grouped(zip(kinds, run.times(found), strict=True)).items():
         role, _, label = kind.partition(' ')
-        reflex = run.settings.get('reflex_effort_rate') and details[kind] != INACTIVE.detail
+        reflex = has_reflex(run.settings) and details[kind] != INACTIVE.detail
         if label == 'refused' and role in COMMANDS and reflex:
             text = f'all joints braked: {details[kind]}; commands are refused until ~/reset'
             yield _finding('reflex', BAD, text, *times)

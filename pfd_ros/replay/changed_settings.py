@@ -25,6 +25,7 @@ from pfd_ros.arm.settings import (
     PER_JOINT,
     Settings,
     split_joints,
+    with_convention,
     with_joint_numbers,
 )
 from pfd_ros.recording.log import Log
@@ -132,6 +133,7 @@ def changed_arm(log: Log, changes: Changes) -> ChangedArm:
         if sorted(names[0]) == sorted(names[1]):  # others are refused by the arm
             settings = replace(settings, **_by_name(settings, *names))
     settings = _with_scene(settings, changes)
+    values = with_convention(settings, values)
     settings = replace(settings, **{k: v for k, v in values.items() if k not in MODEL})
     if values.get('scene'):
         settings = with_scene_text(settings)
@@ -142,7 +144,7 @@ def described_arm(changes: Changes) -> ChangedArm:
     """Return the arm of changes alone, as fast as possible; ValueError without a robot."""
     if 'robot' not in changes.values:
         raise ValueError('--commands needs robot=: a bag does not hold the robot of its commands')
-    settings = Settings(**{'real_time_factor': 0.0, **changes.values})
+    settings = Settings.from_values({'real_time_factor': 0.0, **changes.values})
     found = described_robot(settings, settings.robot)
     settings = with_scene_text(found.settings)
     settings = with_joint_numbers(settings, found.robot, changes.of_joints)

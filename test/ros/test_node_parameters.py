@@ -384,3 +384,24 @@ def test_a_start_and_a_state_outside_the_stops_are_logged_and_the_arm_continues(
     again = processes.arm('-p', 'robot:=panda', '-p', 'joint_limits:=true', '-p', zeros)
     again.wait_for_text("initial_positions: outside the stops: joint 'panda_joint4' is at 0")
     again.stop()
+
+
+def test_a_convention_decides_on_the_defaults_of_other_parameters(
+    processes: Processes, peer_of
+) -> None:
+    given = ('robot:=ur5', 'convention:=ur', 'command_timeout:=0.5', 'recording:=arm.mcap')
+    given += ('viscous_scale.elbow_joint:=0.25', 'damping.elbow_joint:=4.0')
+    arm = processes.arm(*(part for one in given for part in ('-p', one)))
+    peer = peer_of(processes)
+    peer.connect()
+    peer.let_pass(5)
+    steps = np.diff([stamp_ns(state) for state in peer.states])
+    assert all(step % (2 * MILLISECOND) == 0 and step > 0 for step in steps)
+    assert set_parameters(peer, parameter('coulomb_scale.elbow_joint', 1.5))[0] is False
+    assert set_parameters(peer, parameter('coulomb_scale.elbow_joint', 1.0))[0] is True
+    arm.stop()
+    log = RecordedLog(processes.folder / 'arm.mcap')
+    found = log.settings
+    assert (found.step_size, found.command_timeout, found.on_timeout) == (0.002, 0.5, 'stop')
+    assert found.viscous_scale == (0.9, 0.9, 0.25, 0.9, 0.9, 0.9)
+    assert verify_log(processes.folder / 'arm.mcap').complete

@@ -37,6 +37,7 @@ RUFF = [
 ]
 FORMAT = ['ruff', 'format', '--check', '--isolated', '--line-length', '99']
 SLOW = pytest.mark.slow
+WITHOUT_GRAVITY = 'pfd.Scene(armature=SCENE.armature, damping=SCENE.damping, gravity=None)'
 # Of the states of a recorded arm, Hz.
 RATE = 500.0
 
@@ -102,7 +103,7 @@ def test_the_tests_of_a_package_pass(
         pytest.param('w**2 * (r', '-(w**2) * (r', 6, marks=SLOW, id='sign'),
         pytest.param('w**2 * (r', '0.5 * w**2 * (r', 2, marks=SLOW, id='gain'),
         pytest.param('2 * w * (dr', '0.0 * (dr', 2, marks=SLOW, id='damping'),
-        pytest.param('scene=SCENE)', 'scene=pfd.Scene(gravity=None))', 5, id='gravity'),
+        pytest.param('scene=SCENE)', f'scene={WITHOUT_GRAVITY})', 5, id='gravity'),
     ],
 )
 def test_a_fault_of_the_law_fails_tests_and_is_on_their_pages(

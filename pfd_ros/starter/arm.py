@@ -72,17 +72,18 @@ def arm_of(source: str | None, log: Path | None, tip: str, rename: Mapping[str, 
     recorded, settings, name = None, Settings(tip_link=tip), '' if log is None else log.name
     if source is not None:
         text, label = pfd.urdf_of(source), Path(source).name
-        if not tip and pfd.read_urdf(source) is None:
-            # A robot in YAML has one end, of which its URDF has a frame.
+        if not tip and (not Path(source).is_file() or pfd.read_urdf(source) is None):
+            # A robot by name or in YAML has one end, of which its URDF has a frame.
             settings = replace(settings, tip_link=pfd.load_robot(source).tip)
     elif arrays is not None and arrays.settings is not None:
         recorded, label = Log(arrays.path), name
         text = recorded.description or pfd.robot_to_urdf(recorded.robot)
         given = {key: getattr(recorded.settings, key) for key in PLAIN}
-        if tip or not recorded.description:
-            end = {'tip_link': tip or recorded.robot.tip, 'locked': (), 'locked_positions': ()}
-            given |= end
-        settings = replace(settings, **{**given, 'initial_positions': ()})
+        if not recorded.description:
+            given |= {'tip_link': recorded.robot.tip, 'locked': (), 'locked_positions': ()}
+        if tip not in ('', recorded.robot.tip):
+            raise ValueError(f'--tip must be that of {name}, {recorded.robot.tip!r}, got {tip!r}')
+        settings = replace(settings, **given | {'initial_positions': ()})
     else:
         assert arrays is not None
         text, label = _described(arrays), name
@@ -95,22 +96,28 @@ def arm_of(source: str | None, log: Path | None, tip: str, rename: Mapping[str, 
     }
     changed: dict[str, Any] = {'tip_link': robot.tip}
     start: Mapping[str, float] = {}
-    sources: dict[str, Any] = dict.fromkeys(PLAIN, label)
-    sources |= dict.fromkeys(NUMBERS, [label] * robot.n)
-    sources |= {'step_size': 's, default of pfd sim', 'initial_positions': 'default'}
-    if any(line.startswith('initial_positions') for line in found.taken):
-        sources['initial_positions'] = f'<ros2_control> or limits of {label}'
-    sources['armature'] = [label if x else GUESS for x in robot.armature]
+    sources: dict[str, Any] = dict.fromkeys(NUMBERS, [label] * robot.n)
+    sources |= dict.fromkeys(PLAIN, label)
     if recorded is not None:
         numbers, start, line = _recorded(recorded, robot)
-        sources |= {'step_size': label, 'armature': sources['damping']}
         notes += line
     else:
+        stated = any(line.startswith('initial_positions') for line in found.taken)
+        sources |= {
+            'tip_link': f'the end of the chain in {label}',
+            'locked': 'the other joints that move',
+            'locked_positions': '<ros2_control>, or next to 0 within the limits',
+            'step_size': 's, default of pfd sim',
+            'initial_positions': f'<ros2_control> or limits of {label}' if stated else 'default',
+            'armature': [label if x else GUESS for x in robot.armature],
+        }
         limits = np.isfinite([robot.position_lower, robot.position_upper])
         changed['joint_limits'] = bool(limits.any())
-    if arrays is not None and recorded is None:
-        changed['publish_rate'], start = _motion(renamed(arrays, rename), robot, settings)
-        sources['publish_rate'] = f'Hz, the median of {name}'
+        if arrays is not None:
+            changed['publish_rate'], start = _motion(renamed(arrays, rename), robot, settings)
+            sources['publish_rate'] = f'Hz, the median of {name}'
+    if tip:
+        sources['tip_link'] = '--tip'
     if start:
         changed['initial_positions'] = tuple(start[joint] for joint in robot.joint_names)
         sources['initial_positions'] = f'the first state in {name}'
@@ -134,20 +141,19 @@ def _recorded(
 ) -> tuple[dict[str, NDArray[Any]], dict[str, float], tuple[str, ...]]:
     """Return the numbers of a recorded arm, its start, and a line about what is not taken."""
     settings, default, numbers = log.settings, Settings(), {}
-    order = joint_order(settings.joints, log.robot)
-    names = [log.robot.joint_names[i] for i in order]
+    order = joint_order(settings.joints, robot)
     for row in PER_JOINT:
         if row.name in NUMBERS:
-            at = dict(zip(names, joint_values(row, settings, log.robot, order), strict=True))
-            numbers[row.name] = np.array([at.get(joint, 0.0) for joint in robot.joint_names])
+            numbers[row.name] = np.empty(robot.n)
+            numbers[row.name][list(order)] = joint_values(row, settings, robot, order)
+    names = (robot.joint_names[i] for i in order)
     start = dict(zip(names, settings.initial_positions, strict=False))
     known = {*PLAIN, *NUMBERS, *(f'joint_{name}' for name in NUMBERS)}
     kinds = fields(PlantSettings) + fields(CommandSettings) + fields(SensorSettings)
     left = [x for x in (f.name for f in kinds) if getattr(settings, x) != getattr(default, x)]
     left = [name for name in left if name not in known]
     line = f'not taken from the recording: {listed(left)}; add them to arm.yaml as you need them'
-    whole = start.keys() >= set(robot.joint_names)
-    return numbers, start if whole else {}, (line,) if left else ()
+    return numbers, start, (line,) if left else ()
 
 
 def _described(log: LogArrays) -> str:

@@ -220,6 +220,7 @@ def test_the_launch_file_starts_arm_and_controller(
         ('mine', ['--urdf', 'weak.urdf'], "'elbow' cannot carry the arm: .* expected 0.4 at most"),
         ('mine', ['--urdf', 'narrow.urdf'], "joint 'elbow' would reach its limits"),
         ('mine', ['--bag', 'run.mcap', '--robot', 'ur5'], 'has no states of .*--rename'),
+        ('mine', ['--bag', 'run.mcap', '--tip', 'upper'], "that of run.mcap, 'lower'"),
     ],
 )
 def test_what_cannot_be_done_is_refused_and_leaves_nothing(

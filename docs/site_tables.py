@@ -353,7 +353,7 @@ def _testing() -> str:
     return '\n'.join(
         _directive(f'pfd_ros.testing.{name}', getattr(testing, name))
         for name in testing.__all__
-        if isinstance(getattr(testing, name), type)
+        if callable(getattr(testing, name))
     )
 
 

@@ -267,6 +267,9 @@ NAMES = {
     'settling_time': 'pfd_ros.motion.metrics:settling_time',
     'oscillation': 'pfd_ros.motion.symptoms:oscillation',
     'symptoms': 'pfd_ros.motion.symptoms:symptoms',
+    'FINDING_ASSERTIONS': 'pfd_ros.testing.written:ASSERTIONS',
+    'FINDING_KINDS': 'pfd_ros.page.findings:KINDS',
+    'SYMPTOM_KINDS': 'pfd_ros.motion.symptoms:KINDS',
     # pfd_ros.page: a log as an HTML page
     'PAGE_TYPES': 'pfd_ros.page.page:TYPES',
     'PageMoment': 'pfd_ros.page.page:Moment',

@@ -1,10 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`pfd report`: the HTML page of a log, and advice on a scene."""
+"""`pfd report`: the HTML page of a log, its first finding as a test, and advice on a scene."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 import sys
@@ -37,6 +38,10 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
     out = 'the page, never over an existing file; default ./NAME.html for NAME.mcap'
     add('--out', type=Path, metavar='FILE', help=out)
     add('--robot', help=f'the robot of a log that holds none, for its limits: {ROBOT}')
+    test = 'write the first finding as a new test_*.py that fails today, and run it; no page then'
+    add('--pytest', type=Path, metavar='FILE', help=f'{test}, unless --out names one')
+    callback = 'with --pytest: the test runs this (t, q, qd) -> tau in place of recorded commands'
+    add('--controller', metavar='MODULE:FUNCTION', help=callback)
     for name in ('start', 'end'):
         when = f'{name} S seconds after the first message'
         add(f'--{name}', type=float, metavar='S', help=when)
@@ -57,13 +62,18 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
 
 def _report(given: argparse.Namespace) -> int:
     """Read the log, or simulate the scenes; print the result and the path of the file."""
-    out = given.out or Path(f'{given.log.absolute().name.removesuffix(".mcap")}.html')
-    if out.exists():
+    if given.what == 'log' and given.controller and given.pytest is None:
+        print('pfd report: --controller requires --pytest', file=sys.stderr)
+        return 2
+    out = given.out
+    if out is None and given.pytest is None:
+        out = Path(f'{given.log.absolute().name.removesuffix(".mcap")}.html')
+    if out is not None and out.exists():
         raise FileExistsError(f'{out} exists and is not overwritten; choose another --out')
     return _log(given, out) if given.what == 'log' else _scene(given, out)
 
 
-def _log(given: argparse.Namespace, out: Path) -> int:
+def _log(given: argparse.Namespace, out: Path | None) -> int:
     from pfd_ros.page.page import TYPES, page
     from pfd_ros.recording.arrays import read_log
 
@@ -71,10 +81,20 @@ def _log(given: argparse.Namespace, out: Path) -> int:
     log = read_log(given.log, types=TYPES, unreadable='count', start=given.start, end=given.end)
     if (given.start, given.end) != (None, None) and not any(map(len, log.received_ns.values())):
         raise ValueError(f'{given.log} has no message between --start and --end; see pfd info')
-    found = page(log, robot=robot)
-    found.write(out)
-    print_lines([found.said, *(f'note: {note}' for note in found.notes), out])
-    return status_of(given, found.unreadable)
+    unreadable: Iterable[str] = ()
+    if out is not None:
+        found = page(log, robot=robot)
+        found.write(out)
+        print_lines([found.said, *(f'note: {note}' for note in found.notes), out])
+        unreadable = found.unreadable
+    if given.pytest is not None:
+        from pfd_ros.page.recorded import Recorded
+        from pfd_ros.testing.written import write_test
+
+        run = Recorded(log, robot)
+        print_lines(write_test(run, given.pytest, given.controller or '', given.robot or ''))
+        unreadable = run.unreadable
+    return status_of(given, unreadable)
 
 
 def _scene(given: argparse.Namespace, out: Path) -> int:

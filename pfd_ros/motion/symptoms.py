@@ -23,9 +23,9 @@ known, turns below REFERENCE_RATE may be those of a reference, and are no oscill
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -47,6 +47,13 @@ STEADY = 0.1
 LEVEL = 1.0
 # Arms are seldom asked to turn more often than this [Hz].
 REFERENCE_RATE = 5.0
+
+
+# Kinds of symptoms, in the order of a diagnosis.
+KINDS = (
+    *('never commanded', 'offset', 'divergence', 'oscillation', 'decaying oscillation'),
+    *('tracking', 'motion', 'torque limit', 'first limit'),
+)
 
 
 class Oscillation(NamedTuple):
@@ -109,7 +116,17 @@ def offset(error: Array) -> float | None:
     return mean if np.ptp(tail) < STEADY * abs(mean) else None
 
 
-def symptoms(
+def symptoms(*columns: Array, **given: Any) -> str:
+    """Return the diagnosis of one joint, as `diagnosis` takes it, on one line."""
+    return text_of(diagnosis(*columns, **given))
+
+
+def text_of(found: Mapping[str, str]) -> str:
+    """Return a diagnosis on one line."""
+    return '; '.join(found.values()) or 'no oscillation, no limit reached'
+
+
+def diagnosis(
     time: Array,
     q: Array,
     qd: Array,
@@ -119,15 +136,15 @@ def symptoms(
     limits: Sequence[tuple[str, Array, float, float]],
     period: float,
     commanded: bool = True,
-) -> str:
-    """Return the diagnosis of one joint by its samples (N,), on one line.
+) -> dict[str, str]:
+    """Return the symptoms of one joint by its samples (N,), each of KINDS with its measures.
 
     The target is a position, a reference (N,), or None. `limits` has of each limit its name, the
     samples that it bounds, and the bounds; `period` is the control period [s]. A joint is braked
     until it is `commanded`.
     """
     if not commanded:
-        return 'never commanded: braked'
+        return {'never commanded': 'never commanded: braked'}
     lower, upper = next(bounds[2:] for bounds in limits if bounds[0] == 'effort')
     tau = np.clip(tau, lower, upper)
     first_full = first_beyond(tau, lower, upper)
@@ -146,27 +163,30 @@ def symptoms(
             waves = None
     rests = None if moves or error is None else offset(error)
     leaves = None if moves or error is None else divergence(time[free], error[free], qd[free])
-    phrases = []
+    found: dict[str, str] = {}
     if rests is not None and (waves is None or waves.amplitude < STEADY * np.abs(qd).max()):
         side = 'above' if rests > 0 else 'below'
-        phrases.append(f'rests {abs(rests):.4g} {side} its target with a torque of {tau[-1]:.4g}')
+        text = f'rests {abs(rests):.4g} {side} its target with a torque of {tau[-1]:.4g}'
+        found['offset'] = text
     elif leaves is not None and early is None:
-        phrases.append(f'moves away from its target, growing by {leaves:.3g} /s')
+        found['divergence'] = f'moves away from its target, growing by {leaves:.3g} /s'
     elif waves is not None:
         growth, seconds = waves.growth, float(time[-1] - time[0])
         if early is not None and first_full is not None:
             growth, seconds = early.growth, float(time[first_full] - time[0])
-        phrases.append(_wave_text(waves, 1.0 / period, growth, seconds))
+        text = _wave_text(waves, 1.0 / period, growth, seconds)
+        found['decaying oscillation' if 'decaying' in text else 'oscillation'] = text
     elif error is not None and moves:
         worst = int(np.argmax(np.abs(error)))
         far = f'{abs(error[worst]):.4g}, farthest at t = {time[worst]:.6g} s'
-        phrases.append(f'follows its reference within {far}')
+        found['tracking'] = f'follows its reference within {far}'
     elif error is not None:
         way = 'away from' if error[-1] * qd[-1] > 0.0 else 'to'
-        phrases.append(f'still moves {way} its target at {abs(qd[-1]):.3g} /s')
+        found['motion'] = f'still moves {way} its target at {abs(qd[-1]):.3g} /s'
     share = float(np.mean(np.abs(tau) >= upper))
     if share:
-        phrases.append(f'at the torque limit {upper:.4g} for {100 * share:.3g} % of the time')
+        text = f'at the torque limit {upper:.4g} for {100 * share:.3g} % of the time'
+        found['torque limit'] = text
     hits = [
         (k, f'{kind} {values[k]:.4g} at or beyond its limit {bound:.4g} at t = {time[k]:.6g} s')
         for kind, given, low, high in limits
@@ -175,8 +195,8 @@ def symptoms(
         for bound in [low if values[k] <= low else high]
     ]
     if hits:
-        phrases.append(f'first {min(hits)[1]}')
-    return '; '.join(phrases) or 'no oscillation, no limit reached'
+        found['first limit'] = f'first {min(hits)[1]}'
+    return found
 
 
 def _wave_text(waves: Oscillation, rate: float, growth: float, seconds: float) -> str:

@@ -4,7 +4,7 @@
 
 A check is a function of a `Recorded` that yields findings, and a function that returns why it
 cannot be made, '' if it can. CHECKS names all, for a page says what was checked. A new check is a
-function and its row in CHECKS.
+function, its row in CHECKS, and its kinds in KINDS.
 
 When a controller ends, a watchdog stops the arm: what happens after the last command is a note.
 """
@@ -29,11 +29,16 @@ from pfd_ros.arm.events import (
     SET_STATE,
     TRANSITION,
 )
+from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import DIAGNOSTICS
 from pfd_ros.page.recorded import Array, Recorded
 from pfd_ros.text import cut, one_line
 
 T = TypeVar('T', bound=Hashable)
+KINDS = (
+    *(*(f'{item} limit' for item in JOINT_FIELDS), 'not finite', 'gap', 'rejected input'),
+    *('reflex', 'watchdog', 'failure', 'diagnostics', 'event'),
+)
 BAD, WARNING, NOTE = 'bad', 'warning', 'note'
 # A shorter time without commands at the end of a log is no end of the controller [s].
 SILENCE = 0.1

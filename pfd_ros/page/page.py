@@ -29,10 +29,10 @@ from pfd_ros.files import new_file
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import DIAGNOSTICS, FLOAT_ARRAY, INERTIA, JOINT_STATE, STRING
-from pfd_ros.motion.symptoms import symptoms
+from pfd_ros.motion.symptoms import diagnosis, text_of
 from pfd_ros.page.curves import Plot, Reference, commanded_positions, encoded, plots_of
 from pfd_ros.page.findings import BAD, NOTE, Finding, commands_end, find
-from pfd_ros.page.recorded import Recorded
+from pfd_ros.page.recorded import Array, Recorded
 from pfd_ros.recording.arrays import LogArrays
 from pfd_ros.recording.facts import by_parameter
 from pfd_ros.recording.format import FIRST_EDITION, HeadKey, damage_named
@@ -96,6 +96,17 @@ def page(
     """
     with damage_named(log.path):
         return _page(Recorded(log, robot), tuple(marks))
+
+
+def faults(run: Recorded) -> list[Finding]:
+    """Return what is more than a note, in the order of time, then the symptoms of each joint."""
+    found = [each for each in find(run)[0] if each.severity != NOTE]
+    joints = _symptoms(run, found[0] if found else None, list(commanded_positions(run)))
+    return found + [
+        Finding(kind, NOTE, name, text, spans)
+        for name, spans, symptoms in joints
+        for kind, text in symptoms.items()
+    ]
 
 
 def _page(run: Recorded, marks: Sequence[Moment | Reference]) -> Page:
@@ -267,6 +278,16 @@ def _diagnosis(
     run: Recorded, first: Finding | None, references: Sequence[Reference]
 ) -> Iterator[str]:
     """Yield a line for each joint, on its motion around what went wrong first."""
+    for name, _, found in _symptoms(run, first, references):
+        text = text_of(found)
+        text = text if run.robot is not None else text.removesuffix(', no limit reached')
+        yield f'{name}: {text}'
+
+
+def _symptoms(
+    run: Recorded, first: Finding | None, references: Sequence[Reference]
+) -> Iterator[tuple[str, Array, dict[str, str]]]:
+    """Yield each joint, the first and last times (1, 2) of the motion around it, and symptoms."""
     ended = commands_end(run)
     for joints in run.joints:
         time, at = joints.time, joints.time[-1] if first is None else first.time
@@ -286,7 +307,7 @@ def _diagnosis(
             ends = [joints.bounds[item][:, j].tolist() for item in JOINT_FIELDS]
             limits = [(x, c, *e) for x, c, e in zip(JOINT_FIELDS, columns, ends, strict=True)]
             with np.errstate(all='ignore'):
-                text = symptoms(
+                found = diagnosis(
                     time[rows],
                     *columns,
                     target=None if target is None else target[rows],
@@ -294,8 +315,7 @@ def _diagnosis(
                     period=joints.period,
                     commanded=not run.settings or name in run.commanded,
                 )
-            text = text if run.robot is not None else text.removesuffix(', no limit reached')
-            yield f'{name}: {text}'
+            yield name, time[rows[[0, -1]]][np.newaxis], found
 
 
 def _document(title: str, cards: str, data: dict[str, Any]) -> str:

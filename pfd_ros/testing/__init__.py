@@ -10,7 +10,8 @@ From the fixtures to the arm, and back to assertions:
     callback     the link to a function of the test
     nodes        the link to rclpy nodes of this process and to any nodes of others
     patience     interrupts a controller that blocks
-    again        the arm of a log again, with a controller in the loop
+    again        the arm of a log again: with a controller in the loop, or as a motion
+    written      the first finding of a log as a pytest
     trajectory   Trajectory: the arrays of a run, its metrics, and assertions
     artifacts    files of a failed test: recording and page of each arm
     domains      a ROS domain for this process alone, and rclpy in it
@@ -40,6 +41,9 @@ _HOMES = {
     'Trajectory': 'trajectory',
     'Limits': 'trajectory',
     'LimitHit': 'trajectory',
+    'replayed': 'again',
+    'recorded': 'again',
+    'findings': 'again',
     'ComputationTime': 'trajectory',
 }
 __all__ = list(_HOMES)

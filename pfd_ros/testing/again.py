@@ -1,6 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The arm of a log again, in lockstep with a controller in place of the recorded commands.
+"""The arm of a log again: in lockstep with a controller, or as a motion with assertions.
+
+    motion = replayed(LOG, 'new.mcap', controller=law)     law(t, q, qd) -> tau
+    motion = recorded(LOG)                                 the motion as it was recorded
 
 The loop is that of tests, and the arm takes the inputs of the log between its steps: wrenches,
 payloads, parameters and states to set keep their cycles, and the controller computes commands in
@@ -13,22 +16,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import partial
 import importlib
-import json
+from operator import attrgetter
 import os
+from pathlib import Path
 import shlex
 import sys
-from typing import Any
 
+import pfd_core as pfd
 from pfd_ros.arm.description import DescribedRobot, parsed_urdf
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import COMMANDS, DESCRIPTION, REQUESTS, SET_STATE, Message, Verdict
 from pfd_ros.messages.cdr import NANOSECONDS
-from pfd_ros.messages.text_and_arrays import decode_string
+from pfd_ros.messages.joints import JOINT_FIELDS
+from pfd_ros.page.page import TYPES, faults
+from pfd_ros.page.recorded import Recorded
+from pfd_ros.recording.arrays import read_log
+from pfd_ros.recording.format import LogError
 from pfd_ros.replay.inputs import Put, Run
-from pfd_ros.replay.what_if import Case, Drive
+from pfd_ros.replay.what_if import Case, Drive, open_loop, what_if
 from pfd_ros.testing.callback import CallbackLink, Controller
 from pfd_ros.testing.loop import (
     ArmError,
@@ -40,50 +48,12 @@ from pfd_ros.testing.loop import (
 )
 from pfd_ros.testing.patience import PATIENCE_SECONDS, START_PATIENCE_SECONDS
 from pfd_ros.testing.process import ControllerProcess
+from pfd_ros.testing.trajectory import Limits, Trajectory
 from pfd_ros.text import cut, one_line
 
 
 class _OverError(Exception):
     """The log has ended."""
-
-
-@dataclass
-class _Plan:
-    """What the inputs of a log say about its controller, in cycles of the new run."""
-
-    commanded: list[int]  # by commands that the arm accepted
-    alone: set[int]  # set the arm, without a command
-    refused: set[str]  # why the arm of the log rejected other commands
-    last: int
-
-    @classmethod
-    def of(cls, case: Case, engine: Engine) -> _Plan:
-        plan = cls([], set(), {'refused'}, 0)
-        for message, cycle, broke in case.inputs(engine):
-            if message is None:
-                plan.last = cycle - 1
-            elif message.role in COMMANDS and broke:
-                plan.refused.add(broke)
-            elif message.role in COMMANDS:
-                plan.commanded.append(cycle)
-            elif not broke and _sets(message):
-                plan.alone.add(cycle)
-        plan.alone -= set(plan.commanded)
-        return plan
-
-    def start(self, every: int, *, ahead: bool) -> int:
-        """Return the cycle after which the controller begins; `ahead` by a period of commands."""
-        first = self.commanded[0] if self.commanded else 1
-        later = (cycle - first for cycle in self.commanded if cycle > first)
-        period = next(later, 0)
-        return max(0, first - 1 - (period if ahead and period > every else 0))
-
-
-def _sets(message: Message) -> bool:
-    """Return whether an accepted input sets the state of the arm."""
-    if message.role == REQUESTS:
-        return bool(json.loads(decode_string(message.data))['request'] == 'reset')
-    return message.role == SET_STATE
 
 
 class _LoggedArm:
@@ -93,9 +63,31 @@ class _LoggedArm:
         self.engine, self.robot, self.names, self.found = engine, engine.robot, engine.names, Run()
         settings = engine.state.first
         self.period = settings.publish_every * settings.step_ns / NANOSECONDS
-        self.plan, self._put = _Plan.of(case, engine), put
-        self._inputs = iter(case.inputs(engine))
+        self._put, self._inputs = put, iter(case.inputs(engine))
         self._next = next(self._inputs)
+        # Cycles with commands that the arm accepted, and those that only set the arm; why it
+        # rejected other commands, which is no error now; its last cycle.
+        self.commanded, self.alone, self.rejected = list[int](), set[int](), {'refused'}
+        for message, cycle, broke in case.inputs(engine):
+            if message is None:
+                self.last = cycle - 1
+            elif message.role in COMMANDS and broke:
+                self.rejected.add(broke)
+            elif message.role in COMMANDS:
+                self.commanded.append(cycle)
+            elif not broke and (
+                message.role == SET_STATE
+                or (message.role == REQUESTS and b'"reset"' in message.data)
+            ):
+                self.alone.add(cycle)
+        self.alone -= {*self.commanded}
+
+    def start(self, *, ahead: bool) -> int:
+        """Return the cycle after which the controller begins; `ahead` by a period of a timer."""
+        first = self.commanded[0] if self.commanded else 1
+        period = next((cycle - first for cycle in self.commanded if cycle > first), 0)
+        timed = ahead and period > self.engine.state.first.publish_every
+        return max(0, first - 1 - period * timed)
 
     def step(
         self, commands: Sequence[Command] = (), every: int = 1
@@ -104,13 +96,13 @@ class _LoggedArm:
 
         _OverError at the end of the log; ArmError if the state does not stay finite.
         """
-        state, alone = self.engine.state, self.plan.alone
+        state, alone = self.engine.state, self.alone
         messages, verdicts = self._cycle(commands)
         while state.cycle % every and state.cycle + 1 not in alone:
             messages = [*messages, *self._cycle()[0]]  # the recorder keeps each list
         while state.cycle + 1 in alone:
             messages, _ = self._cycle()
-        if state.cycle >= self.plan.last:
+        if state.cycle >= self.last:
             raise _OverError
         return messages, verdicts
 
@@ -149,15 +141,11 @@ class _LoggedArm:
 def callback_loop(controller: Controller | str) -> Drive:
     """Return what runs the arm of a log with a callback, or with the name module:function of one.
 
-    ValueError for a name without a controller. By name, its module is imported anew for each run,
-    since it may keep a state.
+    By name, its module is imported anew for each run, since it may keep a state.
     """
-    loaded = [named_controller(controller)] if isinstance(controller, str) else []
 
     def link(case: Case, engine: Engine) -> CallbackLink:
-        called = controller
-        if isinstance(called, str):
-            called = loaded.pop() if loaded else named_controller(called)
+        called = named_controller(controller) if isinstance(controller, str) else controller
         return CallbackLink(called, engine.names, PATIENCE_SECONDS)
 
     return partial(_closed_loop, link, str(controller), False)
@@ -181,16 +169,15 @@ def _closed_loop(
 ) -> Run:
     """Run the arm of a log with a controller; its error is in the result."""
     arm = _LoggedArm(case, engine, put)
-    found, plan, settings = arm.found, arm.plan, engine.state.first
-    begin = plan.start(settings.publish_every, ahead=ahead)
+    found, state, begin = arm.found, engine.state, arm.start(ahead=ahead)
     try:
-        while engine.state.cycle < begin or engine.state.cycle + 1 in plan.alone:
+        while state.cycle < begin or state.cycle + 1 in arm.alone:
             arm.step()
         # The log ends the run; cycles that set the arm are less than a period.
-        left = (plan.last - engine.state.cycle) * settings.step_ns / NANOSECONDS
+        left = (arm.last - state.cycle) * state.first.step_ns / NANOSECONDS
         with link_of(case, engine) as link:
             found.notes = link.notes
-            run(arm, link, left + (len(plan.alone) + 1) * arm.period, plan.refused)
+            run(arm, link, left + (len(arm.alone) + 1) * arm.period, arm.rejected)
     except _OverError:
         pass
     except ArmError as error:
@@ -199,10 +186,10 @@ def _closed_loop(
         found.failure, found.failed_ns = one_line(error), engine.stamp_ns
         found.error = error
     put(engine.counts(), engine.stamp_ns)
-    answers = sum((cycle - 1) % settings.publish_every == 0 for cycle in {*plan.commanded})
+    answers = sum((cycle - 1) % state.first.publish_every == 0 for cycle in {*arm.commanded})
     found.loop = (
         f'closed: {cut(name, 200)} in lockstep, {found.accepted} commands; the log has '
-        f'{len(plan.commanded)}, {answers} of them in the step after a state'
+        f'{len(arm.commanded)}, {answers} of them in the step after a state'
     )
     return found
 
@@ -229,32 +216,85 @@ def _process(words: Sequence[str], case: Case, engine: Engine) -> Iterator[Link]
 
 
 def named_controller(name: str) -> Controller:
-    """Return the controller of module:function; ValueError if there is none.
-
-    Its module is imported anew.
-    """
+    """Return the controller of module:function, imported anew; ValueError if there is none."""
     module, _, path = name.partition(':')
-    if not all(part.isidentifier() for part in (*module.split('.'), *path.split('.'))):
+    if not module or not path:
         raise ValueError(f'controller must be module:function, got {cut(name)!r}')
     if os.getcwd() not in sys.path:
         sys.path.insert(0, os.getcwd())
     sys.modules.pop(module, None)
     try:
-        found: Any = importlib.import_module(module)
-    except Exception as error:
-        # Also the module itself is not found, or one that it imports.
-        raise ValueError(
-            f'controller {cut(name)!r}: importing {module} raised {type(error).__name__}: {error}'
-        ) from error
-    for part in path.split('.'):
-        if not hasattr(found, part):
-            raise ValueError(f'controller {cut(name)!r}: {module} has no {cut(part)!r}')
-        found = getattr(found, part)
+        found: Controller = attrgetter(path)(importlib.import_module(module))
+    except Exception as error:  # whatever the module raises
+        raise ValueError(f'controller {cut(name)!r}: {type(error).__name__}: {error}') from error
     if isinstance(found, type) or not callable(found):
-        kind = 'a class' if isinstance(found, type) else one_line(repr(found), 100)
-        raise ValueError(
-            f'controller {cut(name)!r} is {kind}, expected a function (t, q, qd) -> tau, or an '
-            'object that is called so'
-        )
-    checked: Controller = found
-    return checked
+        kind = one_line(repr(found), 100)
+        raise ValueError(f'controller {cut(name)!r} is {kind}, expected a function (t, q, qd)')
+    return found
+
+
+def replayed(
+    log: Path | str,
+    out: Path | str,
+    changes: Sequence[str] = (),
+    *,
+    controller: Controller | None = None,
+) -> Trajectory:
+    """Run the arm of a recording again, with its inputs; return the new motion.
+
+    Parameters
+    ----------
+    log
+        A recording of the node or of a test.
+    out
+        The recording of the new run, a new file.
+    changes
+        Settings of the arm that differ, as `pfd replay --what-if` takes them: 'payload.mass=2'.
+    controller
+        Computes the commands in place of the recorded ones, controller(t, q, qd) -> tau.
+
+    If the simulation fails, the motion ends there, and `motion.stopped` says why. ControllerError
+    if the controller raises, or returns anything but a finite effort for each joint; the errors of
+    pfd_ros.replay.what_if otherwise.
+    """
+    drive = open_loop if controller is None else callback_loop(controller)
+    found = what_if(log, changes, out=Path(out), drive=drive)
+    if found.error is not None:
+        raise found.error
+    return replace(recorded(out), stopped=found.failure)
+
+
+def recorded(log: Path | str, joint: str = '', *, robot: str | None = None) -> Trajectory:
+    """Return the motion in any log: of all joints that are published together with `joint`.
+
+    `robot` names the robot of a log that holds none, for its limits. Times are those of the page
+    of the log, and `tau` has the efforts of each state. LogError without states of the joint.
+    """
+    run = _read(log, robot)
+    joints = next((each for each in run.joints if joint in ('', *each.names)), None)
+    if joints is None:
+        raise LogError(f'{log} has no joint states{f" of {cut(joint)!r}" if joint else ""}')
+    q, qd, tau = (joints.values[item] for item in JOINT_FIELDS)
+    (lower, upper), (_, speed), (_, effort) = (joints.bounds[item] for item in JOINT_FIELDS)
+    # Without all joints of a robot its tip is not known.
+    whole = run.robot is not None and {*run.robot.joint_names} <= {*joints.names}
+    return Trajectory(
+        *(joints.time, q, qd, tau, joints.names, Limits(lower, upper, speed, effort)),
+        run.robot if whole else None,
+        period=joints.period,
+        commanded=[not run.settings or name in run.commanded for name in joints.names],
+    )
+
+
+def findings(
+    log: Path | str, kind: str, joint: str = '', *, robot: str | None = None
+) -> list[str]:
+    """Return what the page of a log finds of one kind at one joint, or at none; [] if nothing."""
+    found = faults(_read(log, robot))
+    chosen = [each for each in found if (each.kind, each.joint) == (kind, joint)]
+    return [f't = {each.time:.6g} s: {each.text}' for each in chosen]
+
+
+def _read(log: Path | str, robot: str | None) -> Recorded:
+    found = None if robot is None else pfd.load_robot(robot)
+    return Recorded(read_log(log, types=TYPES, unreadable='count'), found)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import pfd_core as pfd
+from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.motion import metrics
 from pfd_ros.motion.metrics import Array
 from pfd_ros.motion.symptoms import symptoms
@@ -99,6 +100,8 @@ class Trajectory:
     notes
         Why the run may differ another time; empty: it has the same bits each time. Timers that
         are not on the ticks, and controllers that have stopped commanding, are named, too.
+    stopped
+        Of a log that was run again: why the simulation failed, at the end of the motion, or ''.
     """
 
     time: Array
@@ -112,6 +115,7 @@ class Trajectory:
     period: float = math.nan
     commanded: Sequence[bool] = field(default=(), repr=False)
     notes: list[str] = field(default_factory=list)
+    stopped: str = ''
 
     def index(self, joint: str) -> int:
         """Return the column of a joint."""
@@ -367,10 +371,16 @@ class Trajectory:
                 k,
             )
 
-    def assert_no_limit_hit(self) -> None:
-        """Assert that no position, velocity or effort reaches a limit of the robot's model."""
+    def assert_no_limit_hit(self, kind: str | None = None, *, joint: Joints = None) -> None:
+        """Assert that no position, velocity or effort reaches a limit of the robot's model.
+
+        `kind` chooses one of the three.
+        """
         __tracebackhide__ = True
-        hits = self.limits_hit()
+        if kind not in (None, *JOINT_FIELDS):
+            raise ValueError(f'kind is {kind!r}, expected one of {list(JOINT_FIELDS)}')
+        chosen = {self.names[j] for j in self._columns(joint)}
+        hits = [x for x in self.limits_hit() if x.joint in chosen and kind in (None, x.kind)]
         shown = [str(hit) for hit in hits[:MOST_LISTED]]
         if hits:
             text = '; '.join([*shown, '...'] if len(hits) > MOST_LISTED else shown)

@@ -1,0 +1,151 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The first finding of a log as a pytest that fails today, and passes once it is fixed.
+
+Of a recording the test runs the arm again, with the recorded inputs or a controller in the loop;
+what no simulation computes, and the log of another arm, is tested as it was recorded.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import re
+import subprocess
+import sys
+from typing import NamedTuple
+
+from pfd_ros.files import new_file
+from pfd_ros.messages.joints import JOINT_FIELDS
+from pfd_ros.page.findings import NOTE, Finding
+from pfd_ros.page.page import faults
+from pfd_ros.page.recorded import Recorded
+from pfd_ros.recording.format import LogError
+from pfd_ros.testing.again import named_controller
+from pfd_ros.text import one_line
+
+
+class Row(NamedTuple):
+    """The assertion that a kind of finding breaks, or why there is none."""
+
+    code: str = ''
+    why: str = ''
+    simulated: bool = True  # whether a simulation of the arm may show it
+
+
+_ABSENT = 'assert findings(run, {kind!r}, {joint!r}{robot}) == []'
+# Kinds of findings of a page, then of symptoms of a joint.
+ASSERTIONS: dict[str, Row] = {
+    **{
+        f'{item} limit': Row(f'motion.assert_no_limit_hit({item!r}, joint={{joint!r}})')
+        for item in JOINT_FIELDS
+    },
+    **dict.fromkeys(('not finite', 'gap', 'diagnostics'), Row(_ABSENT, simulated=False)),
+    **dict.fromkeys(('rejected input', 'reflex', 'watchdog'), Row(_ABSENT)),
+    'failure': Row('assert not motion.stopped'),
+    'event': Row(why='it is no fault'),
+    'never commanded': Row('assert motion.commanded[motion.index({joint!r})]'),
+    **dict.fromkeys(('divergence', 'oscillation'), Row(_ABSENT)),
+    **dict.fromkeys(
+        ('decaying oscillation', 'offset', 'tracking', 'motion'),
+        Row(why='a log holds no bound beyond which it is a fault'),
+    ),
+    **dict.fromkeys(('torque limit', 'first limit'), Row(why='a limit is a finding by itself')),
+}
+
+
+def write_test(run: Recorded, file: Path, controller: str = '', robot: str = '') -> list[str]:
+    """Write the first finding as a new pytest, and run it; return lines about it.
+
+    `controller` is module:function, and `robot` the robot that was named for a log without one.
+    ValueError without a finding, for a controller that it cannot run, and if the test does not
+    fail by the finding: nothing is written then. OSError if the file exists or cannot be written.
+    """
+    log = run.log.path
+    if not re.fullmatch(r'test_\w+\.py', file.name):
+        raise ValueError(f'pytest collects test_*.py, got the name {file.name!r}')
+    if file.exists():
+        raise FileExistsError(f'{file} exists and is not overwritten; name another file')
+    found = [x for x in faults(run) if x.severity != NOTE or ASSERTIONS[x.kind].code]
+    if not found:
+        raise LogError(f'{log}: nothing went wrong, so there is no finding to test')
+    first = found[0]
+    simulated = ASSERTIONS[first.kind].simulated and bool(run.settings)
+    joint = f'{first.joint}: ' if first.joint else ''
+    said = one_line(f't = {first.time:.3f} s, {first.kind}: {joint}{first.text}')
+    if controller and not simulated:
+        raise ValueError(f'--controller: no simulation of {log} shows its first finding, {said}')
+    if controller:
+        named_controller(controller)
+    with new_file(file, 'x', encoding='utf-8') as stream:
+        stream.write(_source(run, file, first, said, simulated, controller, robot))
+        stream.flush()
+        failure = _failure(file)
+        # In a loop, a rejected command ends the run.
+        own = first.kind == 'rejected input' and 'RejectedError' in failure
+        if not failure.startswith(('assert', 'AssertionError')) and not own:
+            raise ValueError(
+                f'{file} is not written: a test of the first finding, {said}, does not fail by '
+                f'it: {failure or "it passes"}'
+            )
+    return [f'first: {said}', f'{file} fails today: {failure}', f'python -m pytest {file}']
+
+
+def _source(
+    run: Recorded,
+    file: Path,
+    first: Finding,
+    said: str,
+    simulated: bool,
+    controller: str,
+    robot: str,
+) -> str:
+    """Return the text of a test; of the log it has reprs, and a comment of one line."""
+
+    def path(target: Path | str) -> str:
+        return f'HERE / {os.path.relpath(Path(target).resolve(), file.parent.resolve())!r}'
+
+    module, _, attribute = controller.partition(':')
+    named = f'str({path(robot)})' if Path(robot).is_file() else repr(robot)
+    more = f', robot={named}' if robot and not simulated else ''
+    code = ASSERTIONS[first.kind].code.format(kind=first.kind, joint=first.joint, robot=more)
+    if simulated:
+        given = f', controller={attribute}' if controller else ''
+        body = ["run = tmp_path / 'run.mcap'", f'motion = replayed(LOG, run{given})', code]
+        body += ['assert not motion.stopped']
+        hint = f'It runs {controller} in the loop: fix it, and the test passes.'
+        if not controller:
+            hint = "Recorded inputs; replayed(LOG, run, ['payload.mass=2']) changes the arm."
+    else:
+        body = [f'motion = recorded(LOG, {first.joint!r}{more})', code]
+        body = body if 'motion.' in code else ['run = LOG', code]
+        hint = 'It reads the log: record the motion again.'
+    used = [name for name in ('findings', 'recorded', 'replayed') if f'{name}(' in str(body)]
+    name = re.sub('[^a-z0-9]+', '_', f'{first.kind} {first.joint}'.lower()).strip('_')
+    lines = [
+        f'# {one_line(run.log.path.name)}: {said}',
+        '# Written by `pfd report log --pytest`, which saw it fail.',
+        f'# {hint}',
+        *('', 'from pathlib import Path', ''),
+        *([f'from {module} import {attribute.partition(".")[0]}', ''] if controller else []),
+        f'from pfd_ros.testing import {", ".join(used)}',
+        *('', 'HERE = Path(__file__).resolve().parent', f'LOG = {path(run.log.path)}', '', ''),
+        f'def test_{name}({"tmp_path" if simulated else ""}):',
+        *(f'    {line}' for line in dict.fromkeys(body)),
+    ]
+    return '\n'.join([*lines, ''])
+
+
+def _failure(file: Path) -> str:
+    """Run a test; return in one line how it fails, '' if it passes."""
+    done = subprocess.run(
+        [sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', '-rfE', str(file)],
+        env={**os.environ, 'PYTHONDONTWRITEBYTECODE': '1', 'COLUMNS': '1000'},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    line = re.search(r'^(?:FAILED|ERROR) .*?\.py\S*(?: - )?(.*)', done.stdout, re.MULTILINE)
+    if done.returncode and line is None:
+        return one_line(f'pytest ends with status {done.returncode}: {done.stderr or done.stdout}')
+    return one_line(line[1]) if line else ''

@@ -74,6 +74,7 @@ NAMES = {
     'LARGEST_MODEL_FILE': 'pfd_core.model.loading:LARGEST_FILE',
     'Plant': 'pfd_core.model.plant:Plant',
     'resolve_plant': 'pfd_core.model.plant:resolve',
+    'Follower': 'pfd_core.model.robot:Follower',
     'Frame': 'pfd_core.model.robot:Frame',
     'ROBOT_JOINT_FIELDS': 'pfd_core.model.robot:JOINT_FIELDS',
     'ROBOT_LINK_FIELDS': 'pfd_core.model.robot:LINK_FIELDS',

@@ -38,7 +38,8 @@ def follower(rule: str) -> str:
     return urdf('chain', *LINKS, TURN, LIFT, edited(LEVEL, (AXIS, f'{AXIS}<mimic {rule}/>')))
 
 
-FOLLOWS = follower('joint="lift" multiplier="-1" offset="0.5"')
+RULE = '<mimic joint="left_finger" multiplier="-1"/>'
+FOLLOWS = edited(FORK, ('<axis xyz="0 -1 0"/>', f'<axis xyz="0 -1 0"/>{RULE}'))
 UNLED = follower('joint="nobody"')
 FLOATING = edited(CHAIN, ('"turn" type="revolute"', '"turn" type="floating"'))
 AERIAL = urdf(
@@ -61,7 +62,7 @@ CODE = [
     (FORK, {}, 'locked', ('shoulder', 'wrist')),
     (TWO_ARMS, {}, 'tip', ('lift', 'left_shoulder', 'left_elbow')),
     (TWO_ARMS, {}, 'locked', ('lift', 'left_shoulder', 'left_elbow')),
-    (FOLLOWS, {}, 'tip', ('turn',)),
+    (follower('joint="lift" multiplier="0" offset="0.5"'), {}, 'locked', ('turn', 'lift')),
     (UNLED, {}, 'locked', ('turn', 'lift')),
     (FLOATING, {}, 'base', ('lift', 'level')),
 ]
@@ -86,23 +87,13 @@ def test_an_argument_copied_from_a_refusal_loads_the_arm_of_the_file(
 ALL = ('turn', 'lift', 'level')
 WORDS = [
     pytest.param(
-        "'level' mimics 'lift'",
-        FOLLOWS,
-        {},
-        [],
-        {'locked': {'lift': 0.2}},
-        ('turn',),
+        *("'right_finger' mimics 'left_finger'", FOLLOWS, {'tip': 'right'}, []),
+        *({'tip': 'right', 'locked': {'left_finger': 0.2}}, ('shoulder', 'wrist')),
         id='lock the leader',
     ),
     pytest.param(
-        *(
-            "'level' mimics 'lift'",
-            FOLLOWS,
-            {},
-            [('<mimic joint="lift" multiplier="-1" offset="0.5"/>', '')],
-            {},
-            ALL,
-        ),
+        *("'right_finger' mimics 'left_finger'", FOLLOWS, {'tip': 'right'}),
+        *([(RULE, '')], {'tip': 'right'}, ('shoulder', 'wrist', 'right_finger')),
         id='take the mimic away',
     ),
     pytest.param(

@@ -37,7 +37,7 @@ from pfd_core.dynamics.derivatives import (
     moving_chain,
 )
 from pfd_core.dynamics.drives import record_motor_torques
-from pfd_core.dynamics.factors import Matrix, factorise, solution
+from pfd_core.dynamics.factors import Matrix, factorise, reduced, solution
 from pfd_core.dynamics.interface import free_input, program_with_outputs
 from pfd_core.dynamics.inverse import inverse_inertia
 from pfd_core.dynamics.joint_torques import minus_joint_torques, record_joint_torques
@@ -87,7 +87,8 @@ def record_derivatives(
         qdd = inline(recorder, answer, {})['qdd']
     by_q = by_positions(moving, qd, qdd, _minus_inertia(recorder, plant, torques, qdd))
     with recorder.section('joints and drives'):
-        D = _with_joints_and_drives({'q': by_q, 'qd': by_qd}, joints, motors)
+        links = {'q': reduced(plant.robot, by_q), 'qd': reduced(plant.robot, by_qd)}
+        D = _with_joints_and_drives(links, joints, motors)
     with recorder.section('inverse'):
         X = inverse_inertia(recorder, plant, factors, method, refine)
     results = {'qdd': qdd, 'X': X, 'D': D}
@@ -101,8 +102,8 @@ def record_derivatives(
 def _minus_inertia(
     recorder: Recorder, plant: Plant, torques: Sequence[Lanes], qdd: Sequence[Lanes]
 ) -> list[Lanes] | None:
-    """Return the torques that are left for the links; None if brakes give some of them."""
-    if plant.brakes:
+    """Return the torques left for the links; None if brakes or followers give some of them."""
+    if plant.brakes or plant.robot.followers:
         return None
     own = rotors(recorder, plant)
     return [t - rotor * a for t, rotor, a in zip(torques, own, qdd, strict=True)]

@@ -53,7 +53,7 @@ def with_payload_input(plant: Plant) -> Plant:
     """Return a plant that has the numbers that a payload changes as inputs."""
     links = {kind: numbers.copy() for kind, numbers in _own(plant.robot).numbers.items()}
     links[CENTERED][-1] = np.nan
-    links[GROUPED][_slopes(plant.robot, plant.robot.n - 1).any(axis=2)] = np.nan
+    links[GROUPED][_slopes(plant.robot, plant.robot.links - 1).any(axis=2)] = np.nan
     return with_inputs(replace(plant, links=links))
 
 
@@ -100,7 +100,7 @@ def links_of(
     Each arm has the bodies of one of `robots`, with the same frames, and one of `payloads`.
     """
     own = _own(robot)
-    size, n = len(robots), robot.n
+    size, n = len(robots), robot.links
     centered = np.tile(own.numbers[CENTERED], (size, 1, 1))
     changes = np.zeros((size, n, NUMBERS))
     for k, (other, payload) in enumerate(zip(robots, payloads, strict=True)):
@@ -159,7 +159,7 @@ def _slopes(robot: Robot, i: int) -> Array:
     none = _unit(NUMBERS)
     units = []
     for k in range(NUMBERS):
-        bodies = [_unit(k) if j == i else none for j in range(robot.n)]
+        bodies = [_unit(k) if j == i else none for j in range(robot.links)]
         found = grouped(links, bodies, np.asarray, whole=True)
         units.append([body_numbers(body) for body in found])
     slopes: Array = np.moveaxis(np.array(units), 0, 2)

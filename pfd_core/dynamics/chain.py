@@ -18,12 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 
 from pfd_core.dynamics.interface import input_list
 from pfd_core.dynamics.joints import Body, Joint, sum_of_angles
 from pfd_core.dynamics.links import GIVEN, GROUPED, Link, Tip, centered_links
 from pfd_core.dynamics.numbers import Numbers
-from pfd_core.machine.lanes import cos, sin
+from pfd_core.machine.lanes import absolute, cos, sin, where
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.machine.vectors import (
     array,
@@ -32,7 +33,11 @@ from pfd_core.machine.vectors import (
     symmetric_matrix,
     symmetric_sum,
 )
-from pfd_core.model import Plant
+from pfd_core.model import Plant, Robot
+from pfd_core.model.robot import coupled, spread
+
+# Largest angle of a sine with all its digits [rad]: kernels.sines.WRAP_LIMIT.
+LARGEST_ANGLE = 1e5
 
 
 @dataclass(frozen=True)
@@ -49,8 +54,8 @@ class Chain:
     grouped: bool
 
     def inputs(self, name: str) -> list[Lanes]:
-        """Return an input of the chain, such as 'qd', as n numbers."""
-        return input_list(self.recorder, name, len(self.joints))
+        """Return an input, such as 'qd', as n numbers."""
+        return input_list(self.recorder, name, self.plant.robot.n)
 
     def bodies(self) -> list[Body]:
         """Return mass, first moment and inertia about the origin of each link."""
@@ -67,7 +72,7 @@ def chain_of(plant: Plant, parameters: str = GROUPED, recorder: Recorder | None 
     """Return the chain of a plant at the input q, in a new recording if none is given."""
     recorder = Recorder(1, 'sequential') if recorder is None else recorder
     axes, tip = centered_links(plant.robot, moved=parameters != GIVEN)
-    joints = joints_at(recorder, axes, input_list(recorder, 'q', plant.robot.n))
+    joints = joints_at(recorder, axes, positions(recorder, plant.robot))
     rows = Numbers(recorder, plant).all(parameters)
     links = [(row[0], row[1:4], symmetric_matrix(row[4:])) for row in rows]
     if parameters == GIVEN:
@@ -78,6 +83,20 @@ def chain_of(plant: Plant, parameters: str = GROUPED, recorder: Recorder | None 
             centers[-1] = links[-1][1]
         links = [(m, c, J) for (m, _, J), c in zip(links, centers, strict=True)]
     return Chain(recorder, plant, joints, links, tip, parameters == GROUPED)
+
+
+def positions(recorder: Recorder, robot: Robot) -> list[Lanes]:
+    """
+    Return the positions of all joints of a chain at the input q, those of followers included.
+
+    The angle of a follower may have no period of 2 pi in q: it is NaN where its sine would lose
+    digits.
+    """
+    q: list[Lanes] = spread(robot, input_list(recorder, 'q', robot.n), offsets=True)
+    for k, mover in enumerate(robot.movers):
+        if mover.name in coupled(robot) and mover.kind != 'prismatic':
+            q[k] = where(LARGEST_ANGLE - absolute(q[k]), q[k], math.nan)
+    return q
 
 
 def joints_at(recorder: Recorder, links: Sequence[Link], q: Sequence[Lanes]) -> list[Joint]:

@@ -46,7 +46,7 @@ from functools import partial
 import operator
 
 from pfd_core.dynamics.chain import Chain, chain_of
-from pfd_core.dynamics.factors import Matrix, add_rotors, factorise, solution, symmetric
+from pfd_core.dynamics.factors import Matrix, add_rotors, factorise, projected, solution, symmetric
 from pfd_core.dynamics.interface import free_input, program_with_outputs
 from pfd_core.dynamics.joints import (
     along,
@@ -65,6 +65,10 @@ from pfd_core.model import Plant
 
 def composite_bodies(chain: Chain) -> Matrix:
     """Return the lower triangle of H by rows, from composite bodies."""
+    return projected(chain.plant.robot, _composite_bodies(chain))
+
+
+def _composite_bodies(chain: Chain) -> Matrix:
     joints = chain.joints
     rows: Matrix = []
     sums = from_tip(joints, chain.bodies(), body_sum, body_in)
@@ -76,18 +80,20 @@ def composite_bodies(chain: Chain) -> Matrix:
 
 def columns(chain: Chain) -> Matrix:
     """Return the lower triangle of H by one recursion over all links for each joint."""
-    return [_column(chain, j, 0)[: j + 1] for j in range(len(chain.joints))]
+    return [_column(chain, j, 0)[: j + 1] for j in range(chain.plant.robot.n)]
 
 
 def half_columns(chain: Chain) -> Matrix:
     """Return the lower triangle of H by a recursion over the links that each joint moves."""
+    if chain.plant.robot.followers:
+        return columns(chain)
     n = len(chain.joints)
     found = [_column(chain, j, j) for j in range(n)]
     return [[found[i][j - i] for i in range(j + 1)] for j in range(n)]
 
 
 def _column(chain: Chain, j: int, first: int) -> list[float]:
-    n = len(chain.joints)
+    n = chain.plant.robot.n
     unit = [float(i == j) for i in range(n)]
     return torques(chain, [0.0] * n, unit, first, loads=False)
 

@@ -55,7 +55,7 @@ def record_walker_orin_4(plant: Plant, tolerance: float = TOLERANCE) -> Program:
     if not 0 <= tolerance < 1:
         raise ValueError(f'tolerance must be at least 0 and below 1, got {tolerance}')
     chain = chain_of(plant, GIVEN)
-    recorder, n = chain.recorder, len(chain.joints)
+    recorder, n = chain.recorder, plant.robot.n
     own = rotors(recorder, plant)
     free = free_input(recorder, plant)
     y = _released(free, right_side(chain))

@@ -56,7 +56,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pfd_core.dynamics.chain import Chain
-from pfd_core.dynamics.factors import Matrix, add_rotors
+from pfd_core.dynamics.factors import Matrix, add_rotors, projected
 from pfd_core.dynamics.joints import (
     ABOUT_Z,
     Force,
@@ -77,6 +77,7 @@ from pfd_core.dynamics.newton_euler import Motion, less_wrench, moment, motions
 from pfd_core.dynamics.numbers import Numbers
 from pfd_core.machine.recorder import LaneArray, Lanes
 from pfd_core.machine.vectors import array, cross, symmetric_sum
+from pfd_core.model.robot import gathered, spread
 
 NONE = array([0.0] * 3)
 
@@ -110,6 +111,7 @@ class MovingChain(NamedTuple):
 
 def moving_chain(chain: Chain, qd: Sequence[Lanes]) -> MovingChain:
     """Return the composite bodies of a chain at velocities qd, (n,)."""
+    qd = spread(chain.plant.robot, qd)
     with chain.recorder.section('shared axes'):
         chain = in_shared_axes(chain)
     with chain.recorder.section('composite bodies'):
@@ -242,12 +244,14 @@ def inertia_matrix(moving: MovingChain) -> Matrix:
         [along(joint, unit[:2]) for joint, unit in zip(joints, row, strict=False)]
         for row in moving.units
     ]
-    add_rotors(moving.chain.recorder, moving.chain.plant, H)
+    plant = moving.chain.plant
+    H = projected(plant.robot, H)
+    add_rotors(moving.chain.recorder, plant, H)
     return H
 
 
 def by_velocities(moving: MovingChain) -> Matrix:
-    """Return the derivatives of the torques of the links with respect to qd, (n, n)."""
+    """Return the derivatives of the torques of all joints with respect to their velocities."""
     joints, rates = moving.chain.joints, moving.rates
 
     def column(j: int) -> Force:
@@ -281,8 +285,11 @@ def minus_bias(
     """
     chain = moving.chain
     joints, recorder, plant = chain.joints, chain.recorder, chain.plant
+    robot, commanded = plant.robot, tau
+    if robot.followers:
+        tau = [recorder.constant(0.0)] * len(joints)
     with recorder.section('bias'):
-        half = [0.5 * rate for rate in qd]
+        half = [0.5 * rate for rate in spread(robot, qd)]
         a = turned_back(joints[0], Numbers(recorder, plant).all('base_acceleration'))
         y = []
         for total, units, row in zip(tau, moving.units, by_qd, strict=True):
@@ -293,6 +300,8 @@ def minus_bias(
             wrench = less_wrench(chain, (NONE, NONE))
             felt = to_base(joints, len(joints) - 1, wrench, _force_in)
             y = [total - along(*at) for total, at in zip(y[::-1], felt, strict=True)][::-1]
+        if robot.followers:
+            y = [t + own for t, own in zip(commanded, gathered(robot, y), strict=True)]
     return y
 
 
@@ -303,12 +312,15 @@ def by_positions(
     torques: Sequence[Lanes] | None = None,
 ) -> Matrix:
     """
-    Return the derivatives of the torques of links, gravity and wrench with respect to q, (n, n).
+    Return the derivatives of the torques of all joints with respect to their positions.
 
-    qd and qdd are velocities and accelerations, (n,) [rad/s, rad/s^2 or m/s, m/s^2]. The `torques`
-    themselves, (n,) [N m or N], are given where they are known: qdd solves for them.
+    The torques are those of links, gravity and wrench. qd and qdd are velocities and
+    accelerations, (n,) [rad/s, rad/s^2 or m/s, m/s^2]. The `torques` themselves, (n,) [N m or N],
+    are given where they are known: qdd solves for them.
     """
     recorder, joints = moving.chain.recorder, moving.chain.joints
+    robot = moving.chain.plant.robot
+    qd, qdd = spread(robot, qd), spread(robot, qdd)
     with recorder.section('motion'):
         motion = list(motions(moving.chain, qd, qdd))
         forces = _joint_forces(moving.chain, motion, torques)

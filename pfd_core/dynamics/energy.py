@@ -41,6 +41,7 @@ from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import UPPER, array, constants, cross, dot
 from pfd_core.model import Plant
 from pfd_core.model.geometry import product
+from pfd_core.model.robot import gathered, spread
 
 
 def record_energy(plant: Plant) -> Program:
@@ -61,7 +62,8 @@ def _kinetic(chain: Chain) -> Any:
     qd = chain.inputs('qd')
     energy: Any = 0.0
     w = v = array([0.0] * 3)
-    for joint, rate, (m, h, J) in zip(chain.joints, qd, chain.links, strict=True):
+    rates = spread(chain.plant.robot, qd)
+    for joint, rate, (m, h, J) in zip(chain.joints, rates, chain.links, strict=True):
         w, v = turned_back(joint, w), turned_back(joint, v + cross(w, joint.r))
         line = v if joint.slides else w
         line[2] = line[2] + rate
@@ -100,10 +102,11 @@ def gravity_torques(recorder: Recorder, model: Plant) -> list[Lanes]:
     a = Numbers(recorder, model).all('base_acceleration')
     felt = accumulate(chain.joints, lambda v, joint: turned_back(joint, v), initial=a)
     _, *axes = felt
-    return [
+    torques = [
         m * a[2] if joint.slides else h[0] * a[1] - h[1] * a[0]
         for a, (joint, (m, h)) in zip(axes[::-1], _moments(chain), strict=True)
-    ][::-1]
+    ]
+    return gathered(model.robot, torques[::-1])
 
 
 def gravity_energy(chain: Chain) -> Lanes:

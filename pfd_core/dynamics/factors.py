@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 from pfd_core.dynamics.numbers import rotors
 from pfd_core.machine.lanes import where
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.model import Plant
+from pfd_core.model import Plant, Robot
+from pfd_core.model.robot import gathered
 
 Matrix = list[list[Any]]  # by rows
 
@@ -34,6 +35,20 @@ def symmetric(rows: Sequence[Sequence[Any]]) -> Matrix:
     """Return all elements of a symmetric matrix, given by its lower triangle by rows."""
     n = len(rows)
     return [[rows[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)]
+
+
+def projected(robot: Robot, rows: Matrix) -> Matrix:
+    """Return G' A G of a symmetric A of all joints, by lower triangles; A without followers."""
+    if not robot.followers:
+        return rows
+    return [row[: i + 1] for i, row in enumerate(reduced(robot, symmetric(rows)))]
+
+
+def reduced(robot: Robot, rows: Sequence[Sequence[Any]]) -> Matrix:
+    """Return G' A G of an A of all joints, (n, n)."""
+    across = [gathered(robot, row) for row in rows]
+    columns = [gathered(robot, column) for column in zip(*across, strict=True)]
+    return [list(row) for row in zip(*columns, strict=True)]
 
 
 def add_rotors(recorder: Recorder, plant: Plant, H: Matrix) -> None:

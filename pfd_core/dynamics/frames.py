@@ -33,7 +33,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pfd_core.dynamics.chain import joints_at
+from pfd_core.dynamics.chain import joints_at, positions
 from pfd_core.dynamics.interface import input_list, program_with_outputs, wrench_input
 from pfd_core.dynamics.joints import (
     ABOUT_Z,
@@ -52,6 +52,7 @@ from pfd_core.machine.recorder import LaneArray, Recorder
 from pfd_core.machine.vectors import array, constants, cross
 from pfd_core.model import Frame, Plant
 from pfd_core.model.geometry import product
+from pfd_core.model.robot import gathered, spread
 
 
 def record_pose(plant: Plant, frame: Frame) -> Program:
@@ -71,7 +72,7 @@ def record_pose(plant: Plant, frame: Frame) -> Program:
 def record_jacobian(plant: Plant, frame: Frame) -> Program:
     """Return the program of the Jacobian of a frame's origin, (6, n), linear first, from q."""
     recorder, joints, _, e = _joints_to(plant, frame)
-    J = array([[0.0] * plant.robot.n] * 6)
+    J = array([[0.0] * plant.robot.links] * 6)
     with recorder.section('jacobian'):
         joints = _turned_once(joints)
         levers: list[LaneArray] = []
@@ -86,13 +87,13 @@ def record_jacobian(plant: Plant, frame: Frame) -> Program:
             else:
                 J[:3, i] = x * R[:, 1] - y * R[:, 0]
                 J[3:, i] = R[:, 2]
-    return program_with_outputs(recorder, jacobian=J)
+    return program_with_outputs(recorder, jacobian=[gathered(plant.robot, row) for row in J])
 
 
 def record_velocity(plant: Plant, frame: Frame) -> Program:
     """Return the program of J qd, (6,), linear first, from q and qd."""
     recorder, joints, _, e = _joints_to(plant, frame)
-    rates = input_list(recorder, 'qd', plant.robot.n)[: len(joints)]
+    rates = spread(plant.robot, input_list(recorder, 'qd', plant.robot.n))[: len(joints)]
     with recorder.section('velocity'):
         v = w = array([0.0] * 3)
         for joint, rate in zip(_turned_once(joints)[::-1], rates[::-1], strict=True):
@@ -110,20 +111,20 @@ def record_wrench_torques(plant: Plant, frame: Frame) -> Program:
     """Return the program of J' k, (n,): torques of a wrench k on a frame, from q and wrench."""
     recorder, joints, R, p = _joints_to(plant, frame)
     k = wrench_input(recorder)
-    torques: list[object] = [0.0] * plant.robot.n
+    torques: list[object] = [0.0] * plant.robot.links
     with recorder.section('wrench'):
         f = R @ k[:3]
         force = f, R @ k[3:] + cross(p, f)
         for i, joint in reversed(list(enumerate(joints))):
             torques[i] = along(joint, force)
             force = force_in(joint, force)
-    return program_with_outputs(recorder, torques=torques)
+    return program_with_outputs(recorder, torques=gathered(plant.robot, torques))
 
 
 def _joints_to(plant: Plant, frame: Frame) -> tuple[Recorder, list[Joint], LaneArray, LaneArray]:
     """Return a recorder, the joints to a frame at the input q, and its pose on the last link."""
     recorder = Recorder(1, 'sequential')
-    q = input_list(recorder, 'q', plant.robot.n)
+    q = positions(recorder, plant.robot)
     links = centered_links(plant.robot)[0][: frame.link]
     R, p = frame.rotation, frame.translation
     if links:

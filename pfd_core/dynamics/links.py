@@ -163,7 +163,7 @@ def centered_links(
     links: list[Link] = []
     before, twist, p = (1.0, 0.0), (1.0, 0.0), np.zeros(3)
     slid = 0.0  # distance that the origin of B_i was moved along its axis
-    for i in range(robot.n):
+    for i in range(robot.links):
         A, a = robot.rotations[i], robot.translations[i]
         first, tilt, following = zxz(A)
         Z = rotation_z(*first)
@@ -177,11 +177,11 @@ def centered_links(
             before[0] * first[0] - before[1] * first[1],
             before[1] * first[0] + before[0] * first[1],
         )
-        slides = robot.joint_types[i] == 'prismatic'
+        slides = robot.movers[i].kind == 'prismatic'
         end = Tip(product(rotation_x(*tilt), rotation_z(*following)), offset)
         links.append(Link(slides, start, twist, p, end, m, center, product(Z.T, arm), J))
         slid = _slide(offset, tilt) if moved else 0.0
-        if moved and tilt[1] == 0 and i + 1 < robot.n:
+        if moved and tilt[1] == 0 and i + 1 < robot.links:
             slid = _level(-tilt[0] * float(offset[2]), robot, i + 1)
         p = offset + slid * product(rotation_x(*tilt), np.array([0.0, 0.0, 1.0]))
         if slid and tilt[1]:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from pfd_core.forking import load
 from pfd_core.model import Plant, check_instant
-from pfd_core.model.values import choice
+from pfd_core.model.values import choice, quote
 
 if TYPE_CHECKING:
     from pfd_core.machine.program import Program
@@ -37,6 +37,7 @@ class Method:
     # `tolerance`.
     iterative: bool = False
     payload: bool = False  # whether it takes numbers of a plant as inputs
+    followers: bool = False  # whether it takes joints that move with others
     compiled: bool = True  # whether kernels offer it; the others are emulated and counted only
 
     @property
@@ -53,19 +54,29 @@ class Method:
 
 _ROWS = (
     Method(
-        'walker_orin_1', "Walker and Orin's method 1", 'dynamics.composite.record_walker_orin_1'
+        'walker_orin_1',
+        "Walker and Orin's method 1",
+        'dynamics.composite.record_walker_orin_1',
+        followers=True,
     ),
     Method(
-        'walker_orin_2', "Walker and Orin's method 2", 'dynamics.composite.record_walker_orin_2'
+        'walker_orin_2',
+        "Walker and Orin's method 2",
+        'dynamics.composite.record_walker_orin_2',
+        followers=True,
     ),
     Method(
-        'walker_orin_3', "Walker and Orin's method 3", 'dynamics.composite.record_walker_orin_3'
+        'walker_orin_3',
+        "Walker and Orin's method 3",
+        'dynamics.composite.record_walker_orin_3',
+        followers=True,
     ),
     Method(
         'walker_orin_4',
         "Walker and Orin's method 4",
         'dynamics.conjugate.record_walker_orin_4',
         iterative=True,
+        followers=True,
     ),
     Method(
         'articulated_body',
@@ -106,6 +117,7 @@ _ROWS = (
         'Composite bodies with grouped parameters, for kernels',
         'dynamics.composite.record_composite_body',
         payload=True,
+        followers=True,
     ),
     Method(
         'grouped_articulated_body',
@@ -148,6 +160,7 @@ def record_forward_dynamics(
     check_instant(plant)
     choice('method', method, FORWARD)
     check_payload(plant, method)
+    check_followers(plant, method)
     row = FORWARD[method]
     if tolerance is None or not row.iterative:
         return row(plant, schedule)
@@ -160,4 +173,14 @@ def check_payload(plant: Plant, method: str) -> None:
         raise ValueError(
             "a scene with payload='input', or an ensemble with parameters, needs one of the "
             f'methods {PAYLOAD_METHODS}, got {method!r}'
+        )
+
+
+def check_followers(plant: Plant, method: str) -> None:
+    """Raise ValueError for a robot with followers and a method that takes none."""
+    if plant.robot.followers and not FORWARD[method].followers:
+        taken = tuple(row.name for row in _ROWS if row.followers)
+        raise ValueError(
+            f'{quote(plant.robot.followers[0].name)} of {quote(plant.robot.name)} follows another '
+            f'joint, which needs one of the methods {taken}, got {method!r}'
         )

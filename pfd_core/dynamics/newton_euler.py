@@ -38,6 +38,7 @@ from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import UPPER, array, constants, cross
 from pfd_core.model import Plant
+from pfd_core.model.robot import gathered, spread
 
 
 class Motion(NamedTuple):
@@ -126,8 +127,10 @@ def torques(
 
     qd and qdd, (n,) [rad/s or m/s, and per second], are values or numbers known while recording;
     without qdd these torques are the bias. Joints before `first` are at rest. Gravity and wrench
-    act if `loads`.
+    act if `loads`. Followers move with their joints, which feel the torques of both.
     """
+    robot = chain.plant.robot
+    qd, qdd = spread(robot, qd), None if qdd is None else spread(robot, qdd)
     forces = [
         link_force(chain, i, motion)
         for i, motion in enumerate(motions(chain, qd, qdd, first, loads), first)
@@ -135,7 +138,8 @@ def torques(
     if loads and chain.plant.external_wrench:
         forces[-1] = less_wrench(chain, forces[-1])
     sums = from_tip(chain.joints[first:], forces, force_sum, force_in)
-    return [along(joint, force) for joint, force in sums][::-1]
+    found = [along(joint, force) for joint, force in sums][::-1]
+    return gathered(robot, found) if robot.followers else found
 
 
 def motions(

@@ -171,7 +171,7 @@ def _shape(robot: Robot, name: str) -> tuple[int, ...]:
     if name in PAYLOAD:
         return PAYLOAD[name][0]
     if name in LINKS:
-        return (robot.n, *LINKS[name][0])
+        return (robot.links, *LINKS[name][0])
     return (3,) if name == 'gravity' else (robot.n,)
 
 

@@ -136,8 +136,8 @@ def _exact_residual(recorder: Recorder, plant: Plant, dtype: str) -> list[Lanes]
     with no_fork:
         from pfd_core.machine.rounding_errors import RoundingErrors
 
-    if plant.links:
-        # Links that vary are in the axes of centred parameters.
+    if plant.links or plant.robot.followers:
+        # Links that vary are in the axes of centred parameters; in axes of the base none follows.
         torques = record_link_torques(plant, CENTERED)
     elif np.isin(plant.robot.rotations, (-1.0, 0.0, 1.0)).all():
         torques = record_link_torques(plant, GIVEN)

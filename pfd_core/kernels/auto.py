@@ -25,7 +25,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pfd_core.dynamics.methods import EMULATED_METHODS, METHODS, record_forward_dynamics
+from pfd_core.dynamics.methods import (
+    EMULATED_METHODS,
+    METHODS,
+    check_followers,
+    record_forward_dynamics,
+)
 from pfd_core.forking import no_fork
 from pfd_core.kernels.cache import kept
 from pfd_core.model import Plant
@@ -73,6 +78,7 @@ def select(
         more = f', which is only emulated: use pfd.emulate(method={method!r})' if emulated else ''
         raise ValueError(f"method must be 'auto' or one of {METHODS}, got {quote(method)}{more}")
     if method != 'auto':
+        check_followers(plant, method)
         return method, refine
     if use == 'derivatives':
         plant = _bodies(plant)
@@ -83,6 +89,11 @@ def select(
 def _first(plant: Plant, use: str) -> str:
     """Return the first method within its limit, cheapest first, or ''."""
     n, methods = plant.robot.n, list(LIMITS[use])
+    if plant.robot.followers:
+        refines = use in ('forward_dynamics', 'derivatives')
+        limit = LIMITS[use][FEW_JOINTS] if refines else math.inf
+        kept = refines and roundings(plant, FEW_JOINTS, use == 'derivatives') > limit
+        return '' if kept else FEW_JOINTS
     if n >= LONG:
         return '' if use == 'forward_dynamics' else MANY_JOINTS
     if use == 'forward_dynamics' and (plant.brakes or plant.inertia is not None):

@@ -20,14 +20,13 @@ import gc
 import hashlib
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
 from pfd_core.dynamics.quantities import QUANTITIES
 from pfd_core.forking import cached_property, no_fork
 from pfd_core.kernels.cache import kept
 from pfd_core.kernels.native import Native, Optimisation, compile_kept
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.model import Plant, Robot
+from pfd_core.model.robot import coupled
 
 if TYPE_CHECKING:
     from pfd_core.kernels.lower import Stages
@@ -298,8 +297,9 @@ def digest(program: Program) -> str:
 
 
 def turned_joints(robot: Robot) -> tuple[int, ...]:
-    """Return the joints whose position is an angle."""
-    return tuple(np.flatnonzero(robot.turning).tolist())
+    """Return the joints whose position is an angle that may change by whole turns."""
+    pairs = zip(robot.joint_names, robot.turning, strict=True)
+    return tuple(k for k, (x, turns) in enumerate(pairs) if turns and x not in coupled(robot))
 
 
 @contextmanager

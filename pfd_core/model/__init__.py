@@ -16,8 +16,9 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     urdf_writer         robots as URDF
     geometry            rotations, frames and rigid bodies as arrays with exact zeros and ones;
                         conditions on a rotation and an inertia, with their tolerances
-    robot               Robot: the chain in the frames of Lee and Chang, checked once; its frames;
-                        Payload, and robots with a payload or with locked joints
+    robot               Robot: the chain in the frames of Lee and Chang, checked once; its frames,
+                        and joints that follow others; Payload, and robots with a payload or
+                        with locked joints
     effects             the table of effects: fields of a scene with units, checks and values of
                         a model; torques, energies, where they act
     scene               Scene: which effects are on; scenes as YAML

@@ -100,7 +100,8 @@ def load_robot(
         last joint moves. The base is fixed: links above it and other branches on it are cut off.
         Gravity stays in axes of the root; joints between root and base are at 0 or locked.
         Branches on a moving link keep their mass, also beyond the tip; their joints are locked,
-        next to 0 within their limits, and a warning names them.
+        next to 0 within their limits, and a warning names them. Joints that mimic joints of the
+        chain move with them, also on branches (`Robot.followers`), and a warning names them.
     locked : mapping, optional
         Name of a joint, or a pattern such as 'hand_*' -> position [rad, m] at which it becomes a
         fixed joint, and with it the joints of a URDF that mimic it.

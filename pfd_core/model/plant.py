@@ -34,6 +34,7 @@ from pfd_core.model.robot import (
     Payload,
     Robot,
     check_robot,
+    coupled,
     link_label,
     own_inertia,
     turned,
@@ -238,10 +239,14 @@ def check_joint_inertia(plant: Plant) -> None:
     Izz + m (x^2 + y^2) + rotor of a joint that turns about z, m + rotor of one that slides.
     """
     robot, rotors = plant.robot, plant.inertia
-    for i in reversed(range(robot.n)):
-        if (rotors is None or rotors[i] == 0) and _without_own_inertia(robot, i):
-            kind = 'mass' if robot.joint_types[i] == 'prismatic' else 'inertia about its joint'
-            joint = quote(robot.joint_names[i])
+    for i in reversed(range(robot.links)):
+        name = robot.movers[i].name
+        # A joint with followers moves other links as well.
+        alone = name not in coupled(robot)
+        still = alone and (rotors is None or rotors[robot.joint_names.index(name)] == 0)
+        if still and _without_own_inertia(robot, i):
+            kind = 'mass' if robot.movers[i].kind == 'prismatic' else 'inertia about its joint'
+            joint = quote(name)
             raise ValueError(
                 f'{link_label(robot, i)} has no {kind} and {joint} no armature, so its '
                 f'acceleration has no value: give one of them, a payload with {kind}, or '
@@ -254,7 +259,7 @@ def check_joint_inertia(plant: Plant) -> None:
 def _without_own_inertia(robot: Robot, i: int) -> bool:
     """Return whether a link has no inertia about its joint, or no mass, apart from rounding."""
     own, m = own_inertia(robot, i), robot.masses[i]
-    if robot.joint_types[i] == 'prismatic':
+    if robot.movers[i].kind == 'prismatic':
         return own == 0
     # Of a body on an axis that is not along x, y or z, what rotations and sums round is left.
     length = np.linalg.norm(robot.translations[i]) + np.linalg.norm(robot.centers[i])

@@ -22,7 +22,7 @@ import hashlib
 from itertools import chain
 import math
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 import warnings
 
 import numpy as np
@@ -131,10 +131,27 @@ class Frame(FrozenArrays):
         return hashlib.sha256(numbers.astype('<f8').tobytes()).hexdigest()
 
 
+class Follower(NamedTuple):
+    """
+    A joint that has no motor, but moves with a joint of the robot, such as in a parallelogram.
+
+    Its position is multiplier * (position of the joint `leader`) + offset [rad, m].
+    """
+
+    name: str
+    kind: str  # one of JOINT_TYPES
+    link: int  # that it moves: 1 to `Robot.links`, counted from the base
+    leader: str
+    multiplier: float
+    offset: float = 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class Robot(FrozenArrays):
     """
     A chain of n joints; joint i and link i have index i-1.
+
+    With `followers` the chain has n + len(followers) links, and all fields of links as many rows.
 
     Two robots are equal when their numbers and names are (their `digest`). ValueError, with its
     name, for a wrong shape, name or number; PhysicsWarning for principal moments of inertia that
@@ -176,6 +193,9 @@ class Robot(FrozenArrays):
     frames : mapping
         Name -> Frame of each link fixed to a link of the chain or to the base; at least base and
         tip.
+    followers : tuple of Follower
+        Joints of the chain that move with others, and are no joints of the robot: q, limits,
+        friction and all else of a joint are those of the n others.
     silent : mapping
         armature, friction or another field with a number a joint -> names of the joints for which
         the model states none. By default all joints for fields that are not given. A number other
@@ -207,12 +227,14 @@ class Robot(FrozenArrays):
     accepted: tuple[str, ...] = ()
     snapped_joints: tuple[str, ...] = ()
     frames: Mapping[str, Frame] = field(default_factory=dict)
+    followers: tuple[Follower, ...] = ()
     silent: Mapping[str, Sequence[str]] = _SILENT
 
     def __post_init__(self) -> None:
         _check_names(self)
+        _check_followers(self)
         silent = _silent(self)
-        shapes = {key: (self.n, *shape) for key, shape in LINK_FIELDS.items()}
+        shapes = {key: (self.links, *shape) for key, shape in LINK_FIELDS.items()}
         shapes |= {'base_rotation': (3, 3), 'base_position': (3,), 'root_rotation': (3, 3)}
         shapes |= dict.fromkeys(JOINT_FIELDS, (self.n,))
         for key, shape in shapes.items():
@@ -232,8 +254,22 @@ class Robot(FrozenArrays):
 
     @property
     def n(self) -> int:
-        """Number of joints, and of links that move."""
+        """Number of joints."""
         return len(self.joint_names)
+
+    @property
+    def links(self) -> int:
+        """Number of links that move: one for each joint and follower."""
+        return self.n + len(self.followers)
+
+    @cached_property
+    def movers(self) -> tuple[Follower, ...]:
+        """The joint that moves each link, base to tip; joints of the robot lead themselves."""
+        pairs = zip(self.joint_names, self.joint_types, strict=True)
+        movers = [Follower(name, kind, 0, name, 1.0) for name, kind in pairs]
+        for follower in sorted(self.followers, key=lambda follower: follower.link):
+            movers.insert(follower.link - 1, follower)
+        return tuple(mover._replace(link=k) for k, mover in enumerate(movers, 1))
 
     @property
     def turning(self) -> NDArray[np.bool_]:
@@ -256,17 +292,49 @@ class Robot(FrozenArrays):
         kept = [item.name for item in fields(self) if item.name not in _REMARKS]
         if not turned(self):
             kept.remove('root_rotation')
+        if not self.followers:
+            kept.remove('followers')
         return digest_of({key: getattr(self, key) for key in kept})
 
     def __repr__(self) -> str:
         pairs = zip(self.joint_names, self.joint_types, strict=True)
         joints = ', '.join(f'{name} ({kind})' for name, kind in pairs)
+        joints += ''.join(f'; {x.name} follows {x.leader}' for x in self.followers)
         return f'<Robot {self.name!r}, n={self.n}: {joints}>'
 
 
 def turned(robot: Robot) -> bool:
     """Return whether the base link is turned in the model's root, where gravity is given."""
     return bool((robot.root_rotation != np.eye(3)).any())
+
+
+def coupled(robot: Robot) -> frozenset[str]:
+    """Return the names of followers and of the joints that they follow."""
+    return frozenset(name for x in robot.followers for name in (x.name, x.leader))
+
+
+def spread(robot: Robot, values: Sequence[Any], *, offsets: bool = False) -> list[Any]:
+    """Return G x, (links,), of x, (n,), or G x + c: velocities or positions of all joints."""
+    own = dict(zip(robot.joint_names, values, strict=True))
+    found = [_times(mover.multiplier, own[mover.leader]) for mover in robot.movers]
+    if offsets:
+        pairs = zip(found, robot.movers, strict=True)
+        found = [x + mover.offset if mover.offset else x for x, mover in pairs]
+    return found
+
+
+def gathered(robot: Robot, values: Sequence[Any]) -> list[Any]:
+    """Return G' y, (n,), of y, (links,): torques at the joints of the robot."""
+    found: dict[str, Any] = {}
+    for mover, value in zip(robot.movers, values, strict=True):
+        term = _times(mover.multiplier, value)
+        found[mover.leader] = found[mover.leader] + term if mover.leader in found else term
+    return [found[name] for name in robot.joint_names]
+
+
+def _times(factor: float, value: Any) -> Any:
+    """Return a product; nothing is computed for a factor of one."""
+    return value if factor == 1 else -value if factor == -1 else factor * value
 
 
 def check_robot(robot: object) -> None:
@@ -334,13 +402,13 @@ def limits_text(name: str, none: Mapping[str, Sequence[str]], infinite: str) -> 
 
 def link_label(robot: Robot, index: int) -> str:
     """Return the name of link index + 1 in errors."""
-    joint = quote(robot.joint_names[index])
+    joint = quote(robot.movers[index].name)
     return f'link {index + 1} of {quote(robot.name)} (moved by joint {joint})'
 
 
 def own_inertia(robot: Robot, index: int) -> float:
     """Return the inertia of a link alone about, or along, its own joint [kg m^2 or kg]."""
-    if robot.joint_types[index] == 'prismatic':
+    if robot.movers[index].kind == 'prismatic':
         return float(robot.masses[index])
     # Frame i is fixed to link i, and the joint's axis is the z axis of frame i-1.
     A = robot.rotations[index]
@@ -385,6 +453,27 @@ def _check_names(robot: Robot) -> None:
             )
 
 
+def _check_followers(robot: Robot) -> None:
+    given, label = robot.followers, f'{quote(robot.name)}: followers'
+    if not isinstance(given, (tuple, list)) or not all(isinstance(x, Follower) for x in given):
+        raise ValueError(f'{label} must be a tuple of Follower, got {quote(given)}')
+    object.__setattr__(robot, 'followers', tuple(given))
+    names, links = list(robot.joint_names), list(range(1, robot.links + 1))
+    for follower in robot.followers:
+        for key in ('multiplier', 'offset'):
+            real_number(f'{label}: {key}', getattr(follower, key), largest=LARGEST)
+        right = follower.leader in robot.joint_names and follower.kind in JOINT_TYPES
+        right = right and isinstance(follower.name, str) and follower.name not in ('', *names)
+        if not right or follower.link not in links or not follower.multiplier:
+            raise ValueError(
+                f'{label} must have names of their own, a type in {JOINT_TYPES}, a leader in '
+                f'{quote_all(robot.joint_names)}, each a link from 1 to {robot.links} and a '
+                f'multiplier other than 0, got {quote(follower)}'
+            )
+        names.append(follower.name)
+        links.remove(follower.link)
+
+
 def _silent(robot: Robot) -> dict[str, Sequence[str]]:
     """Return the joints without a stated number by field, as given or by the fields not given."""
     given = robot.silent
@@ -403,9 +492,8 @@ def _check_numbers(robot: Robot, key: str, shape: tuple[int, ...]) -> None:
     if array.ndim == 0 and shape == (robot.n,):
         array = np.full(shape, array)
     if array.shape != shape:
-        raise ValueError(
-            f'{label} must have shape {shape} for {robot.n} joints, got {array.shape}'
-        )
+        count = robot.links if key in LINK_FIELDS else robot.n
+        raise ValueError(f'{label} must have shape {shape} for {count} joints, got {array.shape}')
     object.__setattr__(robot, key, frozen(array))
     if key in LIMIT_FIELDS.values():
         _refuse(robot, key, np.isnan(array), 'must be a number')
@@ -425,7 +513,10 @@ def _refuse(robot: Robot, key: str, wrong: NDArray[np.bool_], rule: str) -> None
     value, index = getattr(robot, key), int(np.argwhere(wrong)[0][0])
     joint = ''
     if not key.startswith(('base_', 'root_')):
-        value, joint = value[index], f' of joint {quote(robot.joint_names[index])}'
+        names = robot.joint_names
+        if key in LINK_FIELDS:
+            names = tuple(mover.name for mover in robot.movers)
+        value, joint = value[index], f' of joint {quote(names[index])}'
     raise ValueError(f'{quote(robot.name)}: {key}{joint} {rule}, got {quote(value.tolist())}')
 
 
@@ -433,7 +524,7 @@ def _check_bodies(robot: Robot) -> None:
     for key in ('base_rotation', 'root_rotation'):
         check_rotation(f'{key} of {quote(robot.name)}', getattr(robot, key))
     longest = max(float(np.abs(robot.translations).max()), float(np.abs(robot.centers).max()))
-    for i, joint in enumerate(robot.joint_names):
+    for i, joint in enumerate(mover.name for mover in robot.movers):
         check_rotation(f'rotation of joint {quote(joint)}', robot.rotations[i])
         # The least moment [kg m^2] that is not rounding.
         moment, J = float(robot.masses[i] * longest**2), robot.inertias[i]
@@ -452,7 +543,7 @@ def _check_bodies(robot: Robot) -> None:
 
 def _with_ends(robot: Robot) -> Mapping[str, Frame]:
     """Return the frames including base link and tip; of two with one name the tip counts."""
-    frames, n = robot.frames, robot.n
+    frames, n = robot.frames, robot.links
     label = f'{quote(robot.name)}: frames'
     if not isinstance(frames, Mapping):
         raise ValueError(f'{label} must map names to Frame, got {quote(frames)}')
@@ -538,7 +629,11 @@ def lock(robot: Robot, positions: Mapping[str, float]) -> Robot:
             f'cannot lock all {robot.n} joints of {quote(robot.name)}; leave at least one free'
         )
     for name, position in at.items():
-        robot = _lock_one(robot, robot.joint_names.index(name), position)
+        for follower in robot.followers:
+            if follower.leader == name:
+                x = follower.multiplier * position + follower.offset
+                robot = _lock_one(robot, follower.name, x)
+        robot = _lock_one(robot, name, position)
     return robot
 
 
@@ -576,11 +671,13 @@ def check_locked_position(name: str, position: float, lower: float, upper: float
         )
 
 
-def _lock_one(robot: Robot, index: int, position: float) -> Robot:
+def _lock_one(robot: Robot, name: str, position: float) -> Robot:
     """Return the robot with one joint fixed; frame i takes the place of frame i-1."""
     placements, bodies = _links(robot)
+    names = [mover.name for mover in robot.movers]
+    index = names.index(name)
     R, p = placements[index]
-    if robot.joint_types[index] == 'prismatic':
+    if robot.movers[index].kind == 'prismatic':
         p = p + position * np.array([0.0, 0.0, 1.0])
     else:
         turn = snapped(rotation_z(math.cos(position), math.sin(position)))
@@ -600,12 +697,17 @@ def _lock_one(robot: Robot, index: int, position: float) -> Robot:
     for links in (placements, bodies):
         del links[max(index - 1, 0)]
     changed |= link_fields(placements, bodies)
-    kept = [i for i in range(robot.n) if i != index]
+    kept = [i for i, joint in enumerate(robot.joint_names) if joint != name]
     changed |= {key: getattr(robot, key)[kept] for key in JOINT_FIELDS}
     for key in ('joint_names', 'joint_types'):
         changed[key] = tuple(getattr(robot, key)[i] for i in kept)
-    if index > 0 and robot.joint_names[index] in robot.accepted:
-        changed['accepted'] = (*robot.accepted, robot.joint_names[index - 1])
+    changed['followers'] = tuple(
+        follower._replace(link=follower.link - (follower.link > index))
+        for follower in robot.followers
+        if follower.name != name
+    )
+    if index > 0 and name in robot.accepted:
+        changed['accepted'] = (*robot.accepted, names[index - 1])
     # Frames of link 1 come to the base link, or, beyond the first joint, frames of the link before
     # the joint to frame i.
     changed['frames'] = {

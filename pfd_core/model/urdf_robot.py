@@ -9,7 +9,8 @@ joint between them are welded, and all is brought to the frames of a Robot.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
+from itertools import takewhile
 import math
 from types import MappingProxyType
 from typing import NamedTuple
@@ -36,6 +37,7 @@ from pfd_core.model.geometry import (
 )
 from pfd_core.model.robot import (
     JOINT_TYPES,
+    Follower,
     Frame,
     PhysicsWarning,
     Robot,
@@ -43,7 +45,7 @@ from pfd_core.model.robot import (
     from_stated,
     limits_text,
 )
-from pfd_core.model.urdf import NOT_A_CHAIN, Inertial, Joint, Origin, Urdf
+from pfd_core.model.urdf import NOT_A_CHAIN, Inertial, Joint, Mimic, Origin, Urdf
 from pfd_core.model.values import LARGEST, MOST_NAMES, quote, quote_all, real_number
 
 NO_BODY: Body = (0.0, np.zeros(3), np.zeros((3, 3)))
@@ -81,7 +83,10 @@ class Chain(NamedTuple):
     base: str  # the link that is fixed
     tip: str  # the link whose frame ends the chain
     held: str  # the topmost link that is rigid with the base; all other links are below it
-    joints: list[Joint]  # that move, from the base to the tip
+    # That move, in series: of the chain, of branches that follow it, and of their ways back, which
+    # undo the motion of a branch and lead to the link that it leaves.
+    joints: list[Joint]
+    ways_back: Mapping[str, Joint]  # joint by the name of the one that undoes it
     below: list[Joint]  # below the held link, each after the joint above it, on this chain alone
     carriers: Mapping[str, Joint | None]  # of a link: the moving joint, or None for the base's
     above: list[Joint]  # from the root to the held link
@@ -120,13 +125,32 @@ def robot_from_urdf(
     unlimited = limits_text(urdf.source, none, '{}="{}inf"')
     if unlimited:
         _warn(unlimited)
-    names = tuple(joint.name for joint in joints)
+    rules = {joint.name: rule for joint in joints if (rule := _rule(urdf, joint)) is not None}
     rotors = {name: {'armature': inertia} for name, inertia in urdf.armature.items()}
-    numbers = [{**joint.limits, **rotors.get(joint.name, {})} for joint in joints]
+    rows = {joint.name: {**joint.limits, **rotors.get(joint.name, {})} for joint in joints}
+    for joint in joints:
+        if joint.name in rules:
+            _fold(joint, rows.pop(joint.name), rules[joint.name], rows)
+    names, numbers = tuple(rows), list(rows.values())
+    if rules:
+        told = ', '.join(
+            f'{quote(name)} with {quote(rule.leader)}'
+            for name, rule in rules.items()
+            if name not in chain.ways_back
+        )
+        _warn(
+            f'{urdf.place}: joints that mimic others have no motor and move with them, {told}: '
+            'their limits and losses are those of the others, their efforts are not read'
+        )
     return Robot(
         name=urdf.name,
         joint_names=names,
-        joint_types=tuple(joint.kind for joint in joints),
+        joint_types=tuple(
+            'revolute'
+            if 'lower' in row and urdf.joints[name].kind == 'continuous'
+            else urdf.joints[name].kind
+            for name, row in rows.items()
+        ),
         base=chain.base,
         tip=chain.tip,
         source=urdf.source,
@@ -136,6 +160,11 @@ def robot_from_urdf(
         **welded_frames(placements, bodies),
         root_rotation=root_rotation,
         **from_stated(names, numbers),
+        followers=tuple(
+            Follower(joint.name, joint.kind, k, *rules[joint.name])
+            for k, joint in enumerate(joints, 1)
+            if joint.name in rules
+        ),
         frames=_carried_frames(chain, frames, placements, length),
     )
 
@@ -201,23 +230,24 @@ def find_chain(
         raise ValueError(f'no joint moves below {quote(base)} in {label}')
     before = [carriers[joint.parent] for joint in moving]
     ends = [joint for joint in moving if joint not in before]
-    chosen = _advised_tip(ends, carriers) if tip is None else tip
+    chosen = _advised_tip(urdf, ends, carriers) if tip is None else tip
     if chosen not in carriers:
         raise ValueError(f'tip {quote(chosen)} is not below base {quote(base)} in {label}')
     chain = _way(chosen, carriers)
     if not chain:
         raise ValueError(f'no joint moves between {quote(base)} and {quote(chosen)} in {label}')
-    # Links that are neither moved by the chain nor part of its base are excluded.
-    carried = {link: by for link, by in carriers.items() if by is None or by in chain}
-    moved = {joint.child for joint in _below(chain[0].child, children)}
-    others = [joint for joint in moving if joint not in chain and joint.child in moved]
-    if tip is None and ends[1:]:
+    # Branches that follow the chain are carried; other joints that it moves are locked.
+    leaders = {joint.name for joint in chain if joint.mimic is None}
+    led = [j for j in moving if j in chain or ((x := _rule(urdf, j)) and x.leader in leaders)]
+    moved = {joint.child for top in led for joint in _below(top.child, children)}
+    others = [joint for joint in moving if joint not in led and joint.child in moved]
+    rest = [joint for joint in moving if joint not in led]
+    if tip is None and ends[1:] and rest:
         # Others on the base are cut off where a tip is given, and must be locked where none is.
-        rest = [joint for joint in moving if joint not in chain]
         positions = _places(urdf, rest, locked, chain)
         # Followers need no advice: they follow.
-        led = {joint.name for joint in rest if joint.mimic and joint.mimic.leader in positions}
-        positions = {name: x for name, x in positions.items() if name not in led}
+        follow = {j.name for j in rest if j.mimic and j.mimic.leader in positions}
+        positions = {name: x for name, x in positions.items() if name not in follow}
         all_of_them = ' (TreeError.positions)' if len(positions) > MOST_NAMES else ''
         raise TreeError(
             f'{label} is a tree, not a chain: it ends in joints '
@@ -227,8 +257,8 @@ def find_chain(
             chosen,
             positions,
         )
-    for joint in chain:
-        _check_kind(urdf, joint, chain)
+    for joint in led:
+        _check_kind(urdf, joint, leaders)
     if others:
         return find_chain(urdf, base, tip, {**locked, **_places(urdf, others, locked, chain)})
     to_root: list[Joint] = []
@@ -236,8 +266,69 @@ def find_chain(
     while link in above:
         to_root.insert(0, above[link])
         link = above[link].parent
+    joints, ways_back = _in_series(urdf, chain, led, carriers)
+    # Links that are moved by none of these joints, and are no part of the base, are excluded.
+    carried = {link: by for link, by in carriers.items() if by is None or by in joints}
     below = [joint for joint in below if joint.child in carried]
-    return Chain(base, chosen, held, chain, below, carried, to_root, locked)
+    return Chain(base, chosen, held, joints, ways_back, below, carried, to_root, locked)
+
+
+def _in_series(
+    urdf: Urdf, chain: list[Joint], led: list[Joint], carriers: Mapping[str, Joint | None]
+) -> tuple[list[Joint], dict[str, Joint]]:
+    """Return the joints of a chain and of the branches that follow it, as one chain."""
+    joints: list[Joint] = []
+    ways_back: dict[str, Joint] = {}
+
+    def walk(link_mover: Joint | None) -> None:
+        beyond = [joint for joint in led if carriers[joint.parent] is link_mover]
+        for joint in sorted(beyond, key=chain.__contains__):
+            joints.append(joint)
+            walk(joint)
+            rule = joint.mimic
+            if joint not in chain and rule is not None:
+                name = f'{joint.name}_back'
+                while name in urdf.joints:
+                    name += '_'
+                back = Mimic(rule.leader, -rule.multiplier, -rule.offset)
+                ways_back[name] = joint
+                joints.append(joint._replace(name=name, limits={}, unlimited=(), mimic=back))
+
+    walk(None)
+    return joints, ways_back
+
+
+def _rule(urdf: Urdf, joint: Joint) -> Mimic | None:
+    """Return how a joint follows one that follows none; None for this one."""
+    rule = joint.mimic
+    while rule is not None and rule.leader in urdf.joints:
+        above = urdf.joints[rule.leader].mimic
+        if above is None:
+            break
+        offset = rule.multiplier * above.offset + rule.offset
+        rule = Mimic(above.leader, rule.multiplier * above.multiplier, offset)
+    return rule
+
+
+def _fold(
+    joint: Joint, numbers: Mapping[str, float], rule: Mimic, rows: Mapping[str, dict[str, float]]
+) -> None:
+    """Add limits and losses of a follower to those of its leader: they move together."""
+    row, size = rows[rule.leader], abs(rule.multiplier)
+    bounds = numbers.get('lower', -math.inf), numbers.get('upper', math.inf)
+    lower, upper = sorted((x - rule.offset) / rule.multiplier for x in bounds)
+    both = max(row.get('lower', -math.inf), lower), min(row.get('upper', math.inf), upper)
+    if both[0] > both[1]:
+        raise ValueError(
+            f'{joint.place}: {quote(joint.name)} mimics {quote(rule.leader)}, and no position is '
+            f'within the limits of both, which are {both[0]} and {both[1]} for the latter'
+        )
+    row |= {k: x for k, x in zip(('lower', 'upper'), both, strict=True) if math.isfinite(x)}
+    if 'velocity' in numbers:
+        row['velocity'] = min(row.get('velocity', math.inf), numbers['velocity'] / size)
+    for key, power in (('damping', 2), ('friction', 1), ('armature', 2)):
+        if key in numbers:
+            row[key] = row.get(key, 0.0) + numbers[key] * size**power
 
 
 def _root(urdf: Urdf, above: Mapping[str, Joint], children: dict[str, list[Joint]]) -> str:
@@ -291,66 +382,80 @@ def _way(link: str, carriers: Mapping[str, Joint | None]) -> list[Joint]:
     return way
 
 
-def _advised_tip(ends: list[Joint], carriers: Mapping[str, Joint | None]) -> str:
+def _advised_tip(urdf: Urdf, ends: list[Joint], carriers: Mapping[str, Joint | None]) -> str:
     """
-    Return the end of the longest chain of joints that neither follow others nor lead them.
+    Return the end of the chain of the most joints that follow none.
 
-    Where several are the longest, it is the link on which they part if most of their joints are
-    above it, as with the fingers of a hand, or else the first one, as with two arms.
+    Where others have as many, or follow it, it is the link on which they part if most of the
+    joints are above it, as with the fingers of a hand, or else the first one, as with two arms.
     """
-    if not ends[1:]:
-        return ends[0].child
     every = [_way(end.child, carriers) for end in ends]
-    rules = {joint.name: joint.mimic for way in every for joint in way if joint.mimic is not None}
-    coupled = {*rules, *(rule.leader for rule in rules.values())}
-    ways = []
-    for way in every:
-        free = next((k for k, joint in enumerate(way) if joint.name in coupled), len(way))
-        ways.append(way[:free] or way)
-    most = max(map(len, ways))
-    longest = [way for way in ways if len(way) == most]
-    same = 0
-    while same < most and all(way[same] is longest[0][same] for way in longest):
-        same += 1
-    if same == most or most - same > same:
-        return longest[0][-1].child
-    return longest[0][same].parent
+    leaders = {
+        joint.name: rule.leader for way in every for joint in way if (rule := _rule(urdf, joint))
+    }
+
+    def own(way: list[Joint]) -> list[Joint]:
+        """Return the joints that follow none, up to one that follows a joint elsewhere."""
+        names = {joint.name for joint in way}
+        kept = takewhile(lambda joint: leaders.get(joint.name, joint.name) in names, way)
+        return [joint for joint in kept if joint.name not in leaders]
+
+    most = max(len(own(way)) for way in every)
+    first, *others = (way for way in every if len(own(way)) == most)
+    names = {joint.name for joint in first}
+    led = [w for w in every if any(leaders.get(j.name) in names and j not in first for j in w)]
+    for ways, least in ((others, most / 2), (led, (most + 1) / 2)):
+        same = 0
+        while all(same < len(way) and way[same] is first[same] for way in (first, *ways)):
+            same += 1
+        if same < len(first) and len(own(first[:same])) >= least:
+            return first[same].parent if ways is others else first[same - 1].child
+    return first[-1].child
 
 
-def _check_kind(urdf: Urdf, joint: Joint, chain: list[Joint]) -> None:
+def _check_kind(urdf: Urdf, joint: Joint, leaders: Collection[str]) -> None:
     if joint.kind in NOT_A_CHAIN:
         raise ValueError(
             f'{joint.place}: joint {quote(joint.name)} is {joint.kind}, which is not supported: '
             f'choose a base below it, such as base={quote(joint.child)}, or make it fixed'
         )
-    if joint.mimic is not None and joint.mimic.leader not in urdf.joints:
+    rule = _rule(urdf, joint)
+    if rule is None:
+        return
+    if rule.leader not in urdf.joints or urdf.joints[rule.leader].kind not in JOINT_TYPES:
         _refuse_unled([joint])
-    if joint.mimic is not None:
-        _refuse_follower(joint, joint.mimic.leader, chain)
+    if rule.leader not in leaders:
+        _refuse_follower(urdf, joint, rule.leader)
+    if rule.multiplier == 0:
+        raise ValueError(
+            f'{joint.place}: joint {quote(joint.name)} mimics with a multiplier of 0, so that it '
+            f'does not move: lock it, locked={{{quote(joint.name)}: {rule.offset}}}'
+        )
 
 
 def _refuse_unled(joints: list[Joint]) -> None:
     places = {joint.name: _rest(joint) for joint in joints}
     raise ValueError(
-        f'{joints[0].place}: {quote_all(places)} mimic what is no joint of the URDF: mend the '
-        f'<mimic>, or lock them, {_how_to_lock(places)}'
+        f'{joints[0].place}: {quote_all(places)} mimic what is no joint that moves: mend '
+        f'the <mimic>, or lock them, {_how_to_lock(places)}'
     )
 
 
-def _refuse_follower(joint: Joint, leader: str, chain: list[Joint]) -> None:
-    """
-    Refuse a joint that mimics one that moves.
-
-    The motion of a follower would need dynamics of joint positions G q + c of fewer coordinates q,
-    which a Robot, with one joint for each coordinate, does not have.
-    """
+def _refuse_follower(urdf: Urdf, joint: Joint, leader: str) -> None:
+    """Refuse a joint that mimics one that is not simulated, though it could move."""
     name, led = quote(leader), quote(joint.name)
-    above = [known.parent for known in chain[1:] if known.name == leader]
-    tip = f', choose a tip above it, such as tip={quote(above[0])}' if above else ''
+    above = {known.child: known for known in urdf.joints.values()}
+    link = joint.parent
+    while link in above and above[link].name != leader:
+        link = above[link].parent
+    ends = f'base={quote(urdf.joints[leader].parent)}'
+    if link not in above:
+        ends = f'tip={quote(urdf.joints[leader].child)}'
     raise ValueError(
-        f'{joint.place}: joint {led} mimics {name}, which is not supported: locked alone, it '
+        f'{joint.place}: joint {led} mimics {name}, which is not on the chain: locked alone, it '
         f'would lose its motion, and the arm would be another one. Lock {name}, and {led} '
-        f'follows{tip}, or take the <mimic> away, if {led} has a motor of its own'
+        f'follows, choose a chain with {name}, such as {ends}, or take the <mimic> away, if {led} '
+        'has a motor of its own'
     )
 
 
@@ -387,9 +492,9 @@ def _places(
         if joint.mimic is None:
             at[joint.name] = _rest(joint)
             continue
-        leader = urdf.joints.get(joint.mimic.leader)
-        if leader is not None and leader.name in moves:
-            _refuse_follower(joint, leader.name, chain)
+        leader, rule = urdf.joints.get(joint.mimic.leader), _rule(urdf, joint)
+        if rule is not None and leader is not None and leader.name in moves:
+            _refuse_follower(urdf, joint, rule.leader)
         if leader is not None and leader not in todo:
             todo.append(leader)
     at = urdf.with_followers(at)
@@ -475,12 +580,23 @@ def _motion(joint: Joint, position: float) -> Placement:
 
 def _placements(chain: Chain, frames: Mapping[str, Placement], slack: float) -> list[Placement]:
     """Return each joint's frame in the previous joint's frame, and the tip in the last one."""
-    placements = []
+    placements: list[Placement] = []
+    branches: dict[str, Placement] = {}
+    before: Placement | None = None
     for joint in chain.joints:
         axis = axis_rotation(joint.axis), np.zeros(3)
-        placements.append(chained(frames[joint.parent], _placed(joint.origin, slack), axis))
+        branch = chain.ways_back.get(joint.name)
+        if branch is None:
+            branches[joint.name] = chained(
+                frames[joint.parent], _placed(joint.origin, slack), axis
+            )
+        after = AT_ORIGIN if branch else branches[joint.name]
+        placements.append(chained(inverse(before), after) if before else after)
+        # Of a way back, the frame is where its branch leaves the link.
+        before = branches[branch.name] if branch else None
     placements[0] = chained(inverse(frames[chain.base]), placements[0])
-    placements.append(frames[chain.tip])
+    end = frames[chain.tip]
+    placements.append(chained(inverse(before), end) if before else end)
     length = max(float(np.abs(p).max()) for _, p in placements)
     return [(R, without_residue(p, length)) for R, p in placements]
 
@@ -491,9 +607,14 @@ def _carried_frames(
     """Return the frames of all links fixed to a link of the chain or to the base."""
     # The base link, and frames 1 to n of the Robot, in the frames in which links are given.
     ends = [frames[chain.base], *placements[1:]]
+    last = chain.carriers[chain.tip]
+    if last is not chain.joints[-1]:
+        ends[-1] = frames[chain.tip]
     carried = {}
     for link, carrier in chain.carriers.items():
         k = 0 if carrier is None else 1 + chain.joints.index(carrier)
+        # Behind the branches on it, the last link is the last one once more.
+        k = len(chain.joints) if carrier is last else k
         R, p = chained(inverse(ends[k]), frames[link])
         carried[link] = Frame(k, R, without_residue(p, length))
     return carried
@@ -514,9 +635,12 @@ def _bodies(
     last = max((k for k, joint in enumerate(chain.joints) if joint.name in bodies), default=-1)
     found = []
     for k, joint in enumerate(chain.joints):
+        if joint.name in chain.ways_back:
+            found.append(NO_BODY)
+            continue
         moved = f'link {quote(joint.child)}, moved by joint {quote(joint.name)}'
         label = f'{joint.place}: {moved}, has no <inertial>'
-        if k > last:
+        if k > last and joint.mimic is None:
             raise ValueError(f'{label}, and neither has any later link: add an <inertial>')
         if joint.name not in bodies:
             _warn(
@@ -551,7 +675,7 @@ def _warn_of_sizes(urdf: Urdf, chain: Chain) -> None:
         moments = np.linalg.eigvalsh(symmetric(ixx, iyy, izz, ixy, iyz, ixz))
         radius = math.sqrt(max(float(moments[-1]), 0.0) / inertial.mass)
         distance = math.hypot(*inertial.origin.xyz)
-        last = carrier is chain.joints[-1]
+        last = carrier is chain.carriers[chain.tip]
         most = reach * (LONGEST_LAST if last else 1.0)
         farthest = most if last else min(most, beyond[carrier.child] + reach / 2)
         if radius > most or distance > farthest:

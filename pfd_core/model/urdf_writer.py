@@ -18,7 +18,15 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 
 from pfd_core.model.geometry import Placement, chained, product
-from pfd_core.model.robot import LIMIT_FIELDS, UNSTATED, Robot, check_robot, stated, turned
+from pfd_core.model.robot import (
+    LIMIT_FIELDS,
+    UNSTATED,
+    Follower,
+    Robot,
+    check_robot,
+    stated,
+    turned,
+)
 from pfd_core.model.urdf import INERTIA_KEYS, LARGEST_LIMIT, parse_urdf
 from pfd_core.model.values import Array, quote
 from pfd_core.model.yaml_files import ELEMENTS
@@ -48,12 +56,13 @@ def robot_to_urdf(robot: Robot) -> str:
         add_connection(root, f'{robot.base}_fixed', 'fixed', above, robot.base, at)
     # The end of each link, which is the axis of the next joint, in the link's own frame.
     ends: list[Placement] = [(robot.base_rotation, robot.base_position)]
-    for i, joint in enumerate(robot.joint_names):
-        name = f'{joint}_link'
+    for i, mover in enumerate(robot.movers):
+        name = f'{mover.name}_link'
         while name in robot.frames or name in names:
             name += '_'
         _add_link(root, robot, i, name)
-        _add_joint(root, robot, i, names[-1], name, ends[-1])
+        moves = add_connection(root, mover.name, mover.kind, names[-1], name, ends[-1])
+        _add_numbers(moves, robot, mover)
         names.append(name)
         ends.append((robot.rotations[i], robot.translations[i]))
     for name, frame in robot.frames.items():
@@ -82,13 +91,14 @@ def _add_link(root: ElementTree.Element, robot: Robot, i: int, name: str) -> Non
     _add(inertial, 'inertia', all_written({key: J[ELEMENTS[key[1:]]] for key in INERTIA_KEYS}))
 
 
-def _add_joint(
-    root: ElementTree.Element, robot: Robot, i: int, parent: str, child: str, at: Placement
-) -> None:
-    kind = robot.joint_types[i]
-    joint = add_connection(root, robot.joint_names[i], kind, parent, child, at)
+def _add_numbers(joint: ElementTree.Element, robot: Robot, mover: Follower) -> None:
+    kind, numbers = mover.kind, dict[str, float]()
     _add(joint, 'axis', xyz='0 0 1')
-    numbers = stated(robot, i)
+    if mover.name in robot.joint_names:
+        numbers = stated(robot, robot.joint_names.index(mover.name))
+    else:
+        rule = all_written({'multiplier': mover.multiplier, 'offset': mover.offset})
+        _add(joint, 'mimic', {'joint': mover.leader, **rule})
     limits = {key: numbers.get(key, UNSTATED[field]) for key, field in LIMIT_FIELDS.items()}
     if kind == 'continuous':
         del limits['lower'], limits['upper']

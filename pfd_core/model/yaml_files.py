@@ -22,7 +22,8 @@ and the same one for all joints of a file. Optional for a joint: `limits` {lower
 effort}, where a velocity or effort of 0 or below and a lower above upper mean no limit, with a
 warning; `damping`, `friction`, `armature` at the joint; `rotor` {inertia, gear_ratio, damping,
 friction} at the motor, carried to the joint by the gear; `accept_unphysical_inertia`, if the
-published numbers break the triangle rule.
+published numbers break the triangle rule. A joint may instead have `follows` {joint, multiplier,
+offset}: it moves with another one, at multiplier * position + offset.
 
 `base` and `tip` are names of links, or {link, rotation, translation}: the placement of frame 0 in
 the base link; for modified_dh also the placement of the tip in the last joint's frame. The base
@@ -57,6 +58,7 @@ from pfd_core.model.geometry import (
 )
 from pfd_core.model.robot import (
     LIMIT_FIELDS,
+    Follower,
     Frame,
     PhysicsWarning,
     Robot,
@@ -78,7 +80,9 @@ LOSSES = ('damping', 'friction', 'armature')
 PLACED_BY = ('dh', 'modified_dh', 'frame')
 ROW = ('a', 'd', 'alpha_deg', 'theta_deg')
 FRAME = ('rotation', 'translation')
-OPTIONAL = ('center', 'inertia', 'limits', *LOSSES, 'rotor', *PLACED_BY)
+# A follower has none of these.
+OF_MOTORS = ('limits', *LOSSES, 'rotor')
+OPTIONAL = ('center', 'inertia', *OF_MOTORS, *PLACED_BY, 'follows')
 
 
 def read_yaml(text: str, source: str) -> Any:
@@ -181,20 +185,24 @@ def robot_to_yaml(robot: Robot, *, frames: bool = False) -> str:
     check_robot(robot)
     frames = switch('frames', frames)
     joints = []
-    for i, name in enumerate(robot.joint_names):
+    for i, mover in enumerate(robot.movers):
         joint = {
-            'name': name,
-            'type': robot.joint_types[i],
+            'name': mover.name,
+            'type': mover.kind,
             'frame': {key: getattr(robot, f'{key}s')[i].tolist() for key in FRAME},
             'mass': float(robot.masses[i]),
             'center': robot.centers[i].tolist(),
             'inertia': {key: float(robot.inertias[i][at]) for key, at in ELEMENTS.items()},
         }
-        given = stated(robot, i)
-        limits = {key: given.pop(key) for key in LIMIT_FIELDS if key in given}
-        joint |= {'limits': limits} if limits else {}
-        joint |= given
-        if name in robot.accepted:
+        if mover.name in robot.joint_names:
+            given = stated(robot, robot.joint_names.index(mover.name))
+            limits = {key: given.pop(key) for key in LIMIT_FIELDS if key in given}
+            joint |= {'limits': limits} if limits else {}
+            joint |= given
+        else:
+            rule = {'multiplier': mover.multiplier, 'offset': mover.offset}
+            joint['follows'] = {'joint': mover.leader, **rule}
+        if mover.name in robot.accepted:
             joint['accept_unphysical_inertia'] = True
         joints.append(joint)
     base = {
@@ -227,7 +235,8 @@ def robot_from_yaml(text: str, source: str) -> Robot:
     if not isinstance(rows, list):
         raise ValueError(f'joints of {quote(name)} must be a list, got {quote(rows)}')
     joints = [_joint(i, row) for i, row in enumerate(rows)]
-    names = tuple(joint.name for joint in joints)
+    own = [joint for joint in joints if joint.follows is None]
+    names = tuple(joint.name for joint in own)
     given_base: Any = document.get('base', 'base')
     root = np.eye(3)
     if isinstance(given_base, Mapping) and 'root_rotation' in given_base:
@@ -240,14 +249,19 @@ def robot_from_yaml(text: str, source: str) -> Robot:
     robot = Robot(
         name=name,
         joint_names=names,
-        joint_types=tuple(joint.kind for joint in joints),
+        joint_types=tuple(joint.kind for joint in own),
         base=base,
         tip=tip,
         source=document.get('source', source),
         accepted=tuple(joint.name for joint in joints if joint.accepted),
         **_chain(name, joints, first, last),
         root_rotation=root,
-        **from_stated(names, [joint.stated for joint in joints]),
+        **from_stated(names, [joint.stated for joint in own]),
+        followers=tuple(
+            Follower(joint.name, joint.kind, k, *joint.follows)
+            for k, joint in enumerate(joints, 1)
+            if joint.follows is not None
+        ),
         frames={frame: _frame(f'frame {quote(frame)}', row) for frame, row in further.items()},
     )
     unlimited = limits_text(name, {j.name: j.unlimited for j in joints}, '{}: {}.inf')
@@ -297,6 +311,7 @@ class Joint(NamedTuple):
     stated: Mapping[str, float]  # numbers that the file states, by their names in STATED
     unlimited: tuple[str, ...]  # limits that mean none
     accepted: bool
+    follows: tuple[str, float, float] | None  # leader, multiplier and offset
 
 
 def _joint(index: int, row: Any) -> Joint:
@@ -329,7 +344,19 @@ def _joint(index: int, row: Any) -> Joint:
         known | _losses(label, row),
         unlimited,
         accepted in ('true', 'True'),
+        _follows(label, row),
     )
+
+
+def _follows(label: str, row: Mapping[str, Any]) -> tuple[str, float, float] | None:
+    if 'follows' not in row:
+        return None
+    place, given = f'follows of {label}', [key for key in OF_MOTORS if key in row]
+    if given:
+        raise ValueError(f'{label} follows another one, which must have its {", ".join(given)}')
+    rule = table(place, row['follows'], ('joint',), ('multiplier', 'offset'))
+    multiplier, offset = rule.get('multiplier', '1'), rule.get('offset', '0')
+    return rule['joint'], _number(place, multiplier), _number(place, offset)
 
 
 def _placed(label: str, way: str, value: Any) -> Placement:

@@ -24,7 +24,7 @@ from pfd_core.machine.iteration import TOLERANCES
 from pfd_core.machine.program import Program, Steps
 from pfd_core.model import Plant, Robot, Scene, check_instant, given_scene, resolve, scene_inputs
 from pfd_core.model.effects import INPUT
-from pfd_core.model.values import DTYPES, Array, choice, common_shape, integer, real_array
+from pfd_core.model.values import DTYPES, Array, choice, common_shape, integer, quote, real_array
 from pfd_core.paper import networks
 from pfd_core.paper.array import SECTION, STREAMS, solve_cycles, solve_steps, stream_steps
 from pfd_core.paper.composite import record_residual
@@ -176,6 +176,12 @@ def emulate(
     if scene.payload == INPUT:
         raise ValueError(f'emulate takes a scene with a Payload or None, got payload={INPUT!r}')
     plant = resolve(robot, scene)
+    if robot.followers:
+        raise ValueError(
+            'emulate takes no robot whose joints follow others, such as '
+            f'{quote(robot.followers[0].name)}: its lanes are links that move on their own; use '
+            'forward_dynamics'
+        )
     schedule = 'sequential' if processors == 1 else 'parallel'
     if printed:
         check_instant(plant)

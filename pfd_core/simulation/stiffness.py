@@ -25,6 +25,7 @@ from pfd_core.machine.derivative import directional
 from pfd_core.machine.emulator import run
 from pfd_core.model import EFFECTS, Plant, Robot
 from pfd_core.model.effects import JOINTS
+from pfd_core.model.robot import spread
 from pfd_core.model.values import Array, choice
 from pfd_core.simulation.tableaux import TABLEAUX
 
@@ -141,9 +142,14 @@ def inertia_matrices(plant: Plant, q: Array) -> Array:
     H = sum over the links of m Jv^T Jv + Jw^T I Jw, with the Jacobians Jv of the centre of mass
     and Jw of the turning, all in the axes of the base.
     """
-    robot, (count, n) = plant.robot, q.shape
-    H = np.zeros((count, n, n)) + (0.0 if plant.inertia is None else np.diag(plant.inertia))
-    angles = np.where(robot.turning, q, 0.0)[:, :, np.newaxis]
+    robot, count, n = plant.robot, len(q), plant.robot.links
+    H = np.zeros((count, n, n))
+    if plant.inertia is not None:
+        own = [k for k, mover in enumerate(robot.movers) if mover.name == mover.leader]
+        H[:, own, own] = plant.inertia
+    turning = np.array([mover.kind != 'prismatic' for mover in robot.movers])
+    q = np.array(spread(robot, q.T, offsets=True)).T
+    angles = np.where(turning, q, 0.0)[:, :, np.newaxis]
     slides = q[:, :, np.newaxis] - angles
     cosines, sines = np.cos(angles), np.sin(angles)
     R: Array = np.broadcast_to(np.eye(3), (count, 3, 3))
@@ -157,13 +163,15 @@ def inertia_matrices(plant: Plant, q: Array) -> Array:
         p = p + slides[:, i] * z + R @ robot.translations[i]
         R = R @ robot.rotations[i]
         center = p + R @ robot.centers[i]
-        turns, reached = robot.turning[: i + 1, np.newaxis, np.newaxis], axes[: i + 1]
+        turns, reached = turning[: i + 1, np.newaxis, np.newaxis], axes[: i + 1]
         Jv = np.where(turns, np.cross(reached, center - points[: i + 1]), reached)
         Jw = np.where(turns, reached, 0.0)
         inertia = R @ robot.inertias[i] @ R.transpose(0, 2, 1)
         moved = robot.masses[i] * np.einsum('akx,bkx->kab', Jv, Jv)
         H[:, : i + 1, : i + 1] += moved + np.einsum('akx,kxy,bky->kab', Jw, inertia, Jw)
-    return H
+    G = np.array(spread(robot, list(np.eye(robot.n))))
+    projected: Array = G.T @ H @ G
+    return projected
 
 
 def _poses(robot: Robot) -> Array:

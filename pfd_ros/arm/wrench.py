@@ -70,9 +70,9 @@ def advance(state: State) -> bool:
 def tip_frame(robot: pfd.Robot, name: str) -> Any:
     """Return a frame that is fixed to a robot's last link; refuse another one."""
     frame = robot.frames.get(name)
-    if frame is None or frame.link != robot.n:
+    if frame is None or frame.link != robot.links:
         why = 'is not a frame of the arm' if frame is None else 'does not move with the last link'
-        carried = [robot.tip, *(k for k, f in robot.frames.items() if f.link == robot.n)]
+        carried = [robot.tip, *(k for k, f in robot.frames.items() if f.link == robot.links)]
         names = listed(list(dict.fromkeys(carried)))
         raise RefusedError(
             'unknown_names', f'frame_id {cut(name)!r} {why}; expected one of {names}'

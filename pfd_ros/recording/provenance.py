@@ -59,7 +59,7 @@ def commit() -> str:
 
 def robot_text(robot: pfd.Robot) -> str:
     """Return a robot as YAML, with the frames for wrenches and payloads: its file may change."""
-    frames = {name: frame for name, frame in robot.frames.items() if frame.link == robot.n}
+    frames = {name: frame for name, frame in robot.frames.items() if frame.link == robot.links}
     return pfd.robot_to_yaml(replace(robot, frames=frames), frames=True)
 
 

@@ -4,7 +4,10 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
+import re
+import sys
 from typing import Any
 
 import mujoco
@@ -15,18 +18,19 @@ import pfd_core as pfd
 
 # Roundings of two programs, times the condition of H, of chains of up to seven joints.
 ROUNDINGS = 1e-11
-NO_CONTACT = '<option><flag contact="disable" limit="disable" frictionloss="disable"/></option>'
-# Joints away from the frames of their bodies, three on one body, a site, two motors on a joint.
+NO_CONTACT = '<default><geom contype="0" conaffinity="0"/></default>'
+# Joints away from the frames of their bodies, three on one body, a site, two motors on a joint,
+# and names of joints that those of connections must not take.
 OFFSETS = f"""
 <mujoco model="offsets"><compiler angle="radian"/>{NO_CONTACT}<worldbody>
   <body name="base" pos="0.1 0 0.2" quat="0.9 0.1 0.3 0.2"><geom size="0.1" mass="1"/>
     <body name="one" pos="0 0.1 0.3" quat="0.8 0 0.4 0.1">
-      <joint name="a" axis="0 1 0.2" pos="0.05 0.02 -0.03" damping="0.4" armature="0.2"
+      <joint name="a_fixed" axis="0 1 0.2" pos="0.05 0.02 -0.03" damping="0.4" armature="0.2"
         frictionloss="0.3" range="-2 1"/>
       <inertial pos="0.1 0.02 0.3" quat="0.9 0.1 0.2 0.3" mass="2.5" diaginertia="0.1 0.2 0.15"/>
       <body name="two" pos="0.3 0 0">
-        <joint name="b" type="slide" axis="1 0 0" armature="0.1"/>
-        <joint name="c" axis="0 0 1" pos="0 0.1 0" armature="0.3"/>
+        <joint name="tool_fixed" type="slide" axis="1 0 0" armature="0.1"/>
+        <joint name="tip_site" axis="0 0 1" pos="0 0.1 0" armature="0.3"/>
         <joint name="d" axis="1 0 0" pos="0.1 0 0.2" damping="0.2" actuatorfrcrange="-4 4"/>
         <geom type="capsule" size="0.03" fromto="0 0 0 0.1 0.2 0.4" mass="1.2"/>
         <body name="tool" pos="0 0 0.3" quat="0.7 0.7 0 0">
@@ -36,8 +40,9 @@ OFFSETS = f"""
     </body>
   </body>
 </worldbody><actuator>
-  <motor joint="a" gear="10" forcerange="-3 3"/><motor joint="a" forcerange="-5 5"/>
-  <motor joint="c"/><motor joint="d" forcerange="-9 9"/>
+  <motor joint="a_fixed" gear="10" forcerange="-3 3"/><motor joint="a_fixed" forcerange="-5 5"/>
+  <motor joint="tool_fixed" ctrlrange="-0.5 0.2" gear="-4"/><motor joint="tip_site"/>
+  <motor joint="d" forcerange="-9 9"/>
 </actuator></mujoco>
 """
 
@@ -62,17 +67,46 @@ def chain(seed: int) -> str:
     return f'<mujoco>{NO_CONTACT}<worldbody>{inside}</worldbody></mujoco>'
 
 
+# A pitch of nearly 90 degrees, next to which roll and yaw have few digits each.
+STEEP = f"""
+<mujoco><compiler angle="radian"/>{NO_CONTACT}<worldbody>
+  <body euler="0.3 1.57079632678 0"><joint name="a" axis="0 1 0"/><geom size="0.1"/>
+    <body name="b" pos="0.1 0.2 0.3" euler="0.2 -1.57079632677 0.4"><joint name="b" axis="1 2 0"/>
+      <geom type="box" size="0.1 0.2 0.3"/><site name="tip" pos="0.5 0 0"/></body></body>
+</worldbody></mujoco>
+"""
+# Meshes that are missing and give no mass: of the base, of bodies with an <inertial>, weightless.
+MESHES = f"""
+<mujoco>{NO_CONTACT}<default><default class="seen"><geom type="mesh" mesh="m"/></default></default>
+  <asset><mesh name="m" file="missing.obj"/><texture name="t" type="2d" file="missing.png"/>
+    <material name="t" texture="t"/><hfield name="h" file="missing.bin" size="1 1 1 1"/></asset>
+  <worldbody><geom type="hfield" hfield="h"/>
+    <body name="base"><geom class="seen" material="t"/>
+      <body name="one" pos="0 0 0.2"><joint name="a"/><geom class="seen" name="shape"/>
+        <inertial pos="0 0.1 0" mass="2" diaginertia="0.1 0.2 0.25"/>
+        <body name="two" pos="0.3 0 0"><joint name="b" axis="0 1 0"/><geom size="0.1"/>
+          <geom class="seen" mass="0"/><geom class="seen" density="0"/><site name="tip"/>
+  </body></body></body></worldbody>
+  <contact><pair geom1="shape" geom2="shape2"/></contact>
+</mujoco>
+""".replace('<geom size="0.1"/>\n', '<geom size="0.1" name="shape2"/>\n')
+
+
 def written(folder: Path, text: str) -> Path:
     path = folder / 'arm.xml'
     path.write_text(text)
     return path
 
 
-@pytest.mark.parametrize('text', [OFFSETS, *map(chain, range(8))])
+@pytest.mark.parametrize('text', [OFFSETS, STEEP, MESHES, *map(chain, range(8))])
 def test_a_model_moves_as_in_mujoco(tmp_path: Path, text: str) -> None:
     path = written(tmp_path, text)
     robot = pfd.load_robot(path, right_angle=-1)
-    model = mujoco.MjModel.from_xml_path(str(path))
+    # MuJoCo itself needs the meshes.
+    text = re.sub('<geom class="seen"[^>]*>|<contact>.*</contact>|<geom type="hf[^>]*>', '', text)
+    text = re.sub('<asset>.*</asset>', '', text, flags=re.DOTALL)
+    model = mujoco.MjModel.from_xml_string(text)
+    model.opt.disableflags = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     data = mujoco.MjData(model)
     order = [model.jnt_dofadr[model.joint(name).id] for name in robot.joint_names]
     assert len(order) == model.nv
@@ -93,9 +127,9 @@ def test_a_model_moves_as_in_mujoco(tmp_path: Path, text: str) -> None:
 
 def test_limits_losses_and_rotors_of_a_model_are_those_of_the_robot(tmp_path: Path) -> None:
     robot = pfd.load_robot(written(tmp_path, OFFSETS))
-    assert robot.joint_names == ('a', 'b', 'c', 'd')
+    assert robot.joint_names == ('a_fixed', 'tool_fixed', 'tip_site', 'd')
     assert robot.joint_types == ('revolute', 'prismatic', 'continuous', 'continuous')
-    assert robot.effort_limit.tolist() == [35.0, np.inf, np.inf, 4.0]
+    assert robot.effort_limit.tolist() == [35.0, 2.0, np.inf, 4.0]
     assert robot.position_lower.tolist() == [-2.0, -np.inf, -np.inf, -np.inf]
     assert robot.position_upper.tolist() == [1.0, np.inf, np.inf, np.inf]
     assert robot.damping.tolist() == [0.4, 0.0, 0.0, 0.2]
@@ -104,6 +138,20 @@ def test_limits_losses_and_rotors_of_a_model_are_those_of_the_robot(tmp_path: Pa
 
 
 ONE = '<body name="{0}"><joint name="{0}" {1}/><geom size="0.1"/></body>'
+# A chain with a hand: two fingers, and a joint without one.
+HAND = """<body name="arm"><joint name="arm"/><geom size="0.1"/>
+  <body name="f"><joint name="f" axis="0 1 0"/><geom size="0.1"/></body>
+  <body name="g"><joint name="g" axis="0 1 0"/><geom size="0.1"/></body></body>"""
+SERVO = '<actuator><position name="servo" joint="a" kp="9"/></actuator>'
+
+
+def model_of(body: str, more: str = '') -> str:
+    """Return a model without contacts."""
+    return f'<mujoco>{NO_CONTACT}{more}<worldbody>{body}</worldbody></mujoco>'
+
+
+def off(flag: str) -> str:
+    return f'<option><flag {flag}="disable"/></option>'
 
 
 @pytest.mark.parametrize(
@@ -111,21 +159,69 @@ ONE = '<body name="{0}"><joint name="{0}" {1}/><geom size="0.1"/></body>'
     [
         ('stiffness="3"', '', 'springs'),
         ('', '<option gravity="0 0 -1.62"/>', r'gravity \[0.0, 0.0, -1.62\]'),
+        ('', off('gravity'), r'gravity \[0.0, 0.0, 0.0\]'),
+        ('damping="1" frictionloss="1"', off('damper'), 'switch off damping$'),
+        ('damping="1" frictionloss="1"', off('frictionloss'), 'switch off friction$'),
+        ('range="0 9"', off('limit'), 'switch off limits$'),
+        ('range="0 9" frictionloss="1"', off('constraint'), 'off friction and limits$'),
         ('', '<option density="1.2"/>', 'fluid'),
-        ('', '<equality><joint joint1="a"/></equality>', 'equality constraints'),
-        (
-            '',
-            '<tendon><fixed><joint joint="a" coef="1"/></fixed></tendon>',
-            'tendons',
-        ),
+        ('', '<equality><joint joint1="a" active="false"/></equality>', 'equality constraints'),
+        ('', '<tendon><fixed><joint joint="a" coef="1"/></fixed></tendon>', 'tendons'),
+        ('', SERVO, "kp and kv of servos, 'servo'"),
+        ('', '<actuator><general joint="a" dyntype="filter"/></actuator>', "'actuator0'"),
+        ('', '<actuator><motor joint="a" forcerange="-1 2"/></actuator>', 'smaller side'),
+        ('', '<actuator><adhesion body="a" ctrlrange="0 1"/></actuator>', 'other things than'),
+        ('', '<default><geom contype="1"/></default>', 'contacts'),
     ],
 )
 def test_what_a_robot_lacks_of_a_model_is_named(
     tmp_path: Path, joint: str, more: str, words: str
 ) -> None:
-    text = f'<mujoco>{more}<worldbody>{ONE.format("a", joint)}</worldbody></mujoco>'
     with pytest.warns(pfd.PhysicsWarning, match=words):
-        pfd.load_robot(written(tmp_path, text))
+        pfd.load_robot(written(tmp_path, model_of(ONE.format('a', joint), more)))
+
+
+def test_bodies_that_float_beside_an_arm_are_no_part_of_it(tmp_path: Path) -> None:
+    cube = '<body name="cube"><freejoint/><geom size="0.1"/><site/></body>'
+    path = written(tmp_path, model_of(cube + ONE.format('a', '')))
+    with pytest.warns(pfd.PhysicsWarning, match="free bodies 'cube'$"):
+        robot = pfd.load_robot(path)
+    assert robot.joint_names == ('a',)
+    assert set(robot.frames) == {'world', 'a'}
+
+
+def test_a_linear_equality_of_two_joints_is_a_mimic(tmp_path: Path) -> None:
+    same = '<joint joint1="g" joint2="f" polycoef="0.1 -2 0 0 0"/>'
+    path = written(tmp_path, model_of(HAND, f'<equality>{same}</equality>'))
+    robot = pfd.load_robot(path, locked={'f': 0.3})
+    assert robot.joint_names == ('arm',)
+    both = pfd.load_robot(path, locked={'f': 0.3, 'g': 0.1 - 2 * 0.3})
+    assert robot.digest == both.digest
+
+
+@pytest.mark.parametrize(
+    ('equality', 'chain', 'words'),
+    [
+        ('<joint joint1="f" joint2="arm" polycoef="0 1 2 0 0"/>', 'f', "joint 'equality0'"),
+        ('<joint name="same" joint1="arm"/>', 'f', "joint 'same'"),
+        ('<connect body1="f" body2="g" anchor="0 0 1"/>', 'f', "joint 'f'.*connect 'equality0'"),
+        ('<connect body1="f" body2="g" anchor="0 0 1"/>', 'arm', ''),
+        ('<connect site1="s" site2="t"/>', 'f', "joint 'arm' .*connect 'equality0'"),
+        ('<weld body1="f"/>', 'arm', "joint 'arm' .*weld 'equality0'"),
+        ('<weld body1="f" body2="led"/>', 'f', ''),
+        ('<weld body1="f" active="false"/>', 'f', ''),
+    ],
+)
+def test_what_couples_joints_of_the_chain_is_refused_and_elsewhere_named(
+    tmp_path: Path, equality: str, chain: str, words: str
+) -> None:
+    body = HAND.replace('<joint name="f"', '<site name="t"/><joint name="f"')
+    body += '<body name="led" mocap="true"/><site name="s" pos="0 0 1"/>'
+    path = written(tmp_path, model_of(body, f'<equality>{equality}</equality>'))
+    at = {'f': 0.0, 'g': 0.0} if chain == 'arm' else {'g': 0.0}
+    refused = pytest.raises(ValueError, match=words) if words else nullcontext()
+    with pytest.warns(pfd.PhysicsWarning, match='robot.* equality constraints$'), refused:
+        pfd.load_robot(path, tip=chain, locked=at)
 
 
 @pytest.mark.parametrize(
@@ -135,13 +231,32 @@ def test_what_a_robot_lacks_of_a_model_is_named(
         (ONE.format('a', 'ref="20"'), "'a' has a `ref`"),
         (ONE.format('a', 'type="free"'), "joint 'a' is floating"),
         ('<body><geom type="mesh" mesh="none"/></body>', 'MuJoCo cannot compile'),
+        (
+            '<body><joint/><geom type="mesh" mesh="m"/></body>',
+            'compile it: .*missing.obj.*. Get that mesh, or give .* an <inertial>',
+        ),
         ('<body><geom size="0.1"/></body>', 'MuJoCo has no joint'),
     ],
 )
 def test_a_model_that_is_no_arm_is_refused(tmp_path: Path, body: str, words: str) -> None:
-    path = written(tmp_path, f'<mujoco><worldbody>{body}</worldbody></mujoco>')
+    mesh = '<asset><mesh name="m" file="missing.obj"/></asset>'
     with pytest.raises(ValueError, match=words):
-        pfd.load_robot(path)
+        pfd.load_robot(written(tmp_path, model_of(body, mesh)))
+
+
+@pytest.mark.skipif(sys.platform != 'linux', reason='memory is bounded on Linux alone')
+@pytest.mark.parametrize(
+    'text',
+    [
+        '<mujoco><size memory="8G"/><worldbody/></mujoco>',
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="${len(5 * 10**9 * [0])}"/>',
+    ],
+)
+def test_a_file_that_takes_more_memory_than_the_bound_is_refused(
+    tmp_path: Path, text: str
+) -> None:
+    with pytest.raises(ValueError, match=r'allocate memory|MemoryError'):
+        pfd.load_robot(written(tmp_path, text))
 
 
 def test_without_mujoco_the_error_names_the_package(
@@ -151,6 +266,6 @@ def test_without_mujoco_the_error_names_the_package(
         assert name == 'mujoco'
 
     monkeypatch.setattr('importlib.util.find_spec', find)
-    path = written(tmp_path, f'<mujoco><worldbody>{ONE.format("a", "")}</worldbody></mujoco>')
+    path = written(tmp_path, model_of(ONE.format('a', '')))
     with pytest.raises(ValueError, match='pip install mujoco'):
         pfd.load_robot(path)

@@ -4,8 +4,9 @@
 The URDF of a MuJoCo model (MJCF), by the package mujoco, which compiles it.
 
 Each body is a link with its frame at the body's last joint; joints before that move links without
-mass in between. Sites are links, too. What a URDF lacks is named in one warning: springs, tendons,
-constraints and more.
+mass in between. Sites are links, too. A linear equality of two joints is a <mimic>; joints that
+other equalities couple say so in an <equality>, and no chain moves them. What else a URDF lacks is
+named in one warning: springs, tendons, servos and more. Meshes are read only where they give mass.
 """
 
 from __future__ import annotations
@@ -25,14 +26,22 @@ import numpy as np
 
 from pfd_core.model.apart import answer_of
 from pfd_core.model.robot import PhysicsWarning
-from pfd_core.model.urdf import INERTIA_KEYS, LARGEST_LIMIT
+from pfd_core.model.urdf import EQUALITY, INERTIA_KEYS, LARGEST_LIMIT
 from pfd_core.model.urdf_writer import add_connection, add_rotor, all_written, written
-from pfd_core.model.values import Array, quote
+from pfd_core.model.values import Array, quote, quote_all
 from pfd_core.model.yaml_files import ELEMENTS
 
 GRAVITY = (0.0, 0.0, -9.81)
 # Kinds of joints in the order of MuJoCo.
 FREE, BALL, SLIDE, HINGE = range(4)
+# Actuators of a joint, in its own axes or its parent's, come before all others.
+IN_PARENT = 1
+# Flags that switch off what a robot has, and the array that shows whether a model has it.
+FLAGS = {
+    'DAMPER': ('damping', 'dof_damping'),
+    'FRICTIONLOSS': ('friction', 'dof_frictionloss'),
+    'LIMIT': ('limits', 'jnt_limited'),
+}
 LONGEST_REASON = 800
 _add = ElementTree.SubElement
 
@@ -61,17 +70,55 @@ def urdf_of_mjcf(path: Path) -> str:
 def answer(path: str) -> None:
     """Compile a model in this process, which ends after it, and write the result as JSON."""
     mujoco: Any = import_module('mujoco')
-    text, reason, lost, step = '', '', [], 'MuJoCo cannot compile it: '
+    text, reason, lost = '', '', []
+    step, meshes = 'MuJoCo cannot compile it: ', list[str]()
     try:
-        model = mujoco.MjModel.from_xml_path(path)
+        spec = mujoco.MjSpec.from_file(path)
+        meshes = _weighed_meshes(mujoco, spec)
+        model = spec.compile()
         step = ''
-        text, lost = _urdf(model), sorted({*_lost(model)})
+        text, lost = _urdf(mujoco, model), sorted({*_lost(mujoco, model)})
     except ValueError as error:
         reason = step + ' '.join(str(error).split())[:LONGEST_REASON]
+        if step and any(Path(file).name in reason for file in meshes):
+            reason += '. Get that mesh, or give the bodies that it belongs to an <inertial>'
     sys.stdout.write(json.dumps({'text': text, 'reason': reason, 'lost': lost}))
 
 
-def _lost(model: Any) -> Iterator[str]:
+def _weighed_meshes(mujoco: Any, spec: Any) -> list[str]:
+    """Return the files of meshes that give mass to moving bodies, and take out all other files."""
+    compiler, weighed = spec.compiler, set[str]()
+    always = compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    first, last = compiler.inertiagrouprange
+    files = {mesh.name: mesh.file for mesh in spec.meshes if mesh.file}
+    for body in spec.bodies:
+        above = body
+        while above is not None and not above.joints:
+            above = above.parent
+        # The mass of what is fixed to the world counts where all masses are scaled to a sum.
+        counts = above is not None or compiler.settotalmass > 0
+        counts = counts and (always or not body.explicitinertial)
+        for geom in body.geoms:
+            if geom.meshname not in files and not geom.hfieldname:
+                continue
+            weight = geom.density if math.isnan(geom.mass) else geom.mass
+            if counts and weight and first <= geom.group <= last and not geom.hfieldname:
+                weighed.add(geom.meshname)
+                continue
+            # Others may refer to a geom, so it stays.
+            geom.type, geom.size = mujoco.mjtGeom.mjGEOM_SPHERE, [1.0, 1.0, 1.0]
+            geom.meshname, geom.hfieldname, geom.mass = '', '', 0.0
+    unread = [mesh for mesh in spec.meshes if mesh.file and mesh.name not in weighed]
+    for element in (*unread, *spec.skins, *spec.hfields):
+        spec.delete(element)
+    for texture in spec.textures:
+        texture.file, texture.builtin = '', mujoco.mjtBuiltin.mjBUILTIN_FLAT
+        texture.cubefiles = [''] * len(texture.cubefiles)
+        texture.width = texture.height = 1
+    return [files[name] for name in sorted(weighed)]
+
+
+def _lost(mujoco: Any, model: Any) -> Iterator[str]:
     """Yield what a model has and a URDF lacks."""
     arrays = {
         'springs of joints': ('jnt_stiffness', 'jnt_stiffnesspoly'),
@@ -83,25 +130,123 @@ def _lost(model: Any) -> Iterator[str]:
         # Older versions lack some of them.
         if any(np.any(getattr(model, name, 0.0)) for name in names):
             yield what
-    for what, count in (('tendons', model.ntendon), ('equality constraints', model.neq)):
-        if count:
-            yield what
+    if model.ntendon:
+        yield 'tendons'
+    if model.neq > len(_equalities(mujoco, model)[0]):
+        yield 'equality constraints'
+    off = {name: _is_off(mujoco, model, name) for name in ('CONSTRAINT', *FLAGS)}
+    ignored = [
+        what
+        for name, (what, array) in FLAGS.items()
+        if (off[name] or (off['CONSTRAINT'] and name != 'DAMPER'))
+        and np.any(getattr(model, array))
+    ]
+    if ignored:
+        yield f'flags that switch off {" and ".join(ignored)}'
+    if not (off['CONSTRAINT'] or _is_off(mujoco, model, 'CONTACT')) and np.any(
+        (model.geom_contype | model.geom_conaffinity)[model.body_weldid[model.geom_bodyid] > 0]
+    ):
+        yield 'contacts'
     if model.opt.density or model.opt.viscosity:
         yield 'the fluid'
-    if tuple(model.opt.gravity) != GRAVITY:
-        yield f'gravity {model.opt.gravity.tolist()}, which a scene sets'
+    gravity = model.opt.gravity.tolist()
+    if _is_off(mujoco, model, 'GRAVITY'):
+        gravity = [0.0, 0.0, 0.0]
+    if tuple(gravity) != GRAVITY:
+        yield f'gravity {gravity}, which a scene sets'
+    kinds: dict[str, list[int]] = {}
+    for k, turns in enumerate(model.actuator_trntype):
+        if turns > IN_PARENT:
+            kinds.setdefault('actuators of other things than joints', []).append(k)
+        elif not _is_motor(mujoco, model, k):
+            kinds.setdefault('laws of actuators, such as kp and kv of servos,', []).append(k)
+        elif model.actuator_forcelimited[k] and model.actuator_forcerange[k].sum():
+            kinds.setdefault('the smaller side of forcerange', []).append(k)
+    kinds['free bodies'] = _free(model)
+    for what, found in kinds.items():
+        kind = 'body' if found is kinds['free bodies'] else 'actuator'
+        if found:
+            yield f'{what} {quote_all(_names(model, kind)[k] for k in found)}'
 
 
-def _urdf(model: Any) -> str:
+def _is_off(mujoco: Any, model: Any, flag: str) -> bool:
+    return bool(model.opt.disableflags & int(getattr(mujoco.mjtDisableBit, f'mjDSBL_{flag}')))
+
+
+def _is_motor(mujoco: Any, model: Any, k: int) -> bool:
+    """Return whether the force of an actuator is a constant times its control."""
+    return bool(
+        model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_FIXED
+        and model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_NONE
+        and model.actuator_dyntype[k] == mujoco.mjtDyn.mjDYN_NONE
+    )
+
+
+def _free(model: Any) -> list[int]:
+    """Return the bodies that float beside joints that do not: no part of an arm."""
+    free = model.body_jntnum > 0
+    free[free] = model.jnt_type[model.body_jntadr[free]] == FREE
+    below = free.copy()
+    for i in range(1, model.nbody):
+        below[i] |= below[model.body_parentid[i]]
+    return np.flatnonzero(free).tolist() if np.any(~below[model.jnt_bodyid]) else []
+
+
+def _equalities(mujoco: Any, model: Any) -> tuple[dict[int, int], dict[int, str]]:
+    """
+    Return how equalities couple joints.
+
+    The first result has the equality by which a joint follows another linearly, the second the
+    kind and name of any other, by joint. A body that is moved by hand couples none.
+    """
+    kinds, follow, coupled = mujoco.mjtEq, dict[int, int](), dict[int, str]()
+    if _is_off(mujoco, model, 'EQUALITY') or _is_off(mujoco, model, 'CONSTRAINT'):
+        return follow, coupled
+    names = _names(model, 'eq')
+    for k in np.flatnonzero(model.eq_active0).tolist():
+        kind, ends = kinds(model.eq_type[k]), [int(model.eq_obj1id[k]), int(model.eq_obj2id[k])]
+        moved: set[int] = set()
+        if kind == kinds.mjEQ_JOINT:
+            moved = {*ends} - {-1}
+            if len(moved) == 2 and ends[0] not in follow and not np.any(model.eq_data[k, 2:5]):
+                follow[ends[0]] = k
+                continue
+        elif kind in (kinds.mjEQ_CONNECT, kinds.mjEQ_WELD):
+            if model.eq_objtype[k] == mujoco.mjtObj.mjOBJ_SITE:
+                ends = model.site_bodyid[ends].tolist()
+            if np.all(model.body_mocapid[ends] < 0):
+                moved = _movers(model, ends[0]) ^ _movers(model, ends[1])
+        text = f'{kind.name.rpartition("_")[2].lower()} {quote(names[k])}'
+        coupled |= dict.fromkeys(moved, text)
+    return follow, coupled
+
+
+def _movers(model: Any, body: int) -> set[int]:
+    """Return the joints that move a body."""
+    found: set[int] = set()
+    while body:
+        first = model.body_jntadr[body]
+        found |= {*range(first, first + model.body_jntnum[body])}
+        body = model.body_parentid[body]
+    return found
+
+
+def _urdf(mujoco: Any, model: Any) -> str:
     if not model.njnt:
         raise ValueError('this model of MuJoCo has no joint')
-    bodies, joints, sites = (_names(model, kind) for kind in ('body', 'joint', 'site'))
-    taken = {*bodies}
+    bodies, joints, sites = (_names(model, kind) for kind in ('body', 'jnt', 'site'))
+    taken, connections = {*bodies}, {*joints}
+    free, (follow, coupled) = _free(model), _equalities(mujoco, model)
     root = ElementTree.Element('robot', name=_text_at(model, 0))
     _add(root, 'link', name=bodies[0])
-    links, at = [bodies[0]], [np.zeros(3)]  # the link of each body, and its frame in the body's
+    # The link of each body, '' for none, and its frame in the body's.
+    links, at = [bodies[0]], [np.zeros(3)]
     for i in range(1, model.nbody):
         parent = model.body_parentid[i]
+        if i in free or not links[parent]:
+            links.append('')
+            at.append(np.zeros(3))
+            continue
         link, here = links[parent], model.body_pos[i] - at[parent]
         R, frame = _rotation(model.body_quat[i]), np.zeros(3)
         own = range(model.body_jntadr[i], model.body_jntadr[i] + model.body_jntnum[i])
@@ -113,10 +258,20 @@ def _urdf(model: Any) -> str:
             # The first joint turns the body, the next ones only lie elsewhere.
             offset = R @ model.jnt_pos[j] if j == own[0] else model.jnt_pos[j] - frame
             origin = (R, here + offset) if j == own[0] else (np.eye(3), offset)
-            _add_joint(root, model, j, joints[j], (link, name), origin)
+            joint = _add_joint(
+                root, model, j, joints[j], (link, name), origin, _effort(mujoco, model, j)
+            )
+            if j in follow:
+                leader = {'joint': joints[model.eq_obj2id[follow[j]]]}
+                offset, factor = model.eq_data[follow[j], :2]
+                rule = leader | all_written({'multiplier': factor, 'offset': offset})
+                _add(joint, 'mimic', rule)
+            if j in coupled:
+                _add(joint, EQUALITY, name=coupled[j])
             link, frame = name, model.jnt_pos[j].copy()
         if not own:
-            add_connection(root, f'{bodies[i]}_fixed', 'fixed', link, bodies[i], (R, here))
+            connection = _new(f'{bodies[i]}_fixed', connections)
+            add_connection(root, connection, 'fixed', link, bodies[i], (R, here))
         links.append(bodies[i])
         at.append(frame)
         turn = _rotation(model.body_iquat[i])
@@ -124,10 +279,13 @@ def _urdf(model: Any) -> str:
         _add_body(root, bodies[i], model.body_mass[i], model.body_ipos[i] - frame, inertia)
     for k, site in enumerate(sites):
         body = model.site_bodyid[k]
+        if not links[body]:
+            continue
         name = _new(site, taken)
         _add(root, 'link', name=name)
         place = _rotation(model.site_quat[k]), model.site_pos[k] - at[body]
-        add_connection(root, f'{name}_site', 'fixed', links[body], name, place)
+        connection = _new(f'{name}_site', connections)
+        add_connection(root, connection, 'fixed', links[body], name, place)
     ElementTree.indent(root)
     return f'<?xml version="1.0"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
 
@@ -149,13 +307,16 @@ def _add_joint(
     name: str,
     links: tuple[str, str],
     origin: tuple[Array, Array],
-) -> None:
+    most: float,
+) -> ElementTree.Element:
     kind, dof = model.jnt_type[j], model.jnt_dofadr[j]
     if kind == FREE:
-        add_connection(root, name, 'floating', *links, origin)
-        return
+        return add_connection(root, name, 'floating', *links, origin)
     if kind == BALL:
-        raise ValueError(f'joint {quote(name)} is a ball, which is not supported')
+        raise ValueError(
+            f'joint {quote(name)} is a ball, which is not supported: put three hinges there, or '
+            'take it away, and its body is fixed'
+        )
     if model.qpos0[model.jnt_qposadr[j]]:
         raise ValueError(
             f'joint {quote(name)} has a `ref`, which a URDF lacks: take it away, and '
@@ -166,7 +327,7 @@ def _add_joint(
     joint = add_connection(root, name, turning if kind == HINGE else 'prismatic', *links, origin)
     _add(joint, 'axis', xyz=written(model.jnt_axis[j]))
     lower, upper = model.jnt_range[j] if limited else (-LARGEST_LIMIT, LARGEST_LIMIT)
-    limits = {'effort': _effort(model, j), 'velocity': LARGEST_LIMIT}
+    limits = {'effort': most, 'velocity': LARGEST_LIMIT}
     if limited or kind == SLIDE:
         limits |= {'lower': lower, 'upper': upper}
     _add(joint, 'limit', all_written(limits))
@@ -174,31 +335,40 @@ def _add_joint(
     _add(joint, 'dynamics', all_written(losses))
     if model.dof_armature[dof]:
         add_rotor(root, name, model.dof_armature[dof])
+    return joint
 
 
-def _effort(model: Any, j: int) -> float:
+def _effort(mujoco: Any, model: Any, j: int) -> float:
     """Return the largest force or torque of the motors of a joint."""
-    # Transmission to a joint, in the joint's own axes or its parent's.
-    mine = [
-        k
-        for k in range(model.nu)
-        if model.actuator_trntype[k] in (0, 1) and model.actuator_trnid[k, 0] == j
-    ]
-    most = math.inf
-    if mine and all(model.actuator_forcelimited[k] for k in mine):
-        each = abs(model.actuator_forcerange[mine]).max(axis=1)
-        most = float(abs(model.actuator_gear[mine, 0]) @ each)
+    count = len(model.actuator_trntype)
+    # An actuator may have several controls and forces.
+    controls, forces = (
+        getattr(model, f'actuator_{name}adr', range(count)) for name in ('ctrl', 'out')
+    )
+    clamped = not _is_off(mujoco, model, 'CLAMPCTRL')
+    each = []
+    for k in range(count):
+        if model.actuator_trntype[k] > IN_PARENT or model.actuator_trnid[k, 0] != j:
+            continue
+        most = float(abs(model.actuator_forcerange[k]).max())
+        most = most if model.actuator_forcelimited[k] else math.inf
+        if clamped and _is_motor(mujoco, model, k) and model.actuator_ctrllimited[controls[k]]:
+            largest = abs(model.actuator_ctrlrange[controls[k]]).max()
+            most = min(most, float(abs(model.actuator_gainprm[k, 0]) * largest))
+        gear = float(abs(model.actuator_gear[forces[k], 0]))
+        each.append(gear * most if gear else 0.0)
+    most = sum(each) if each else math.inf
     if model.jnt_actfrclimited[j]:
         most = min(most, float(abs(model.jnt_actfrcrange[j]).max()))
     return min(most, LARGEST_LIMIT)
 
 
 def _names(model: Any, kind: str) -> list[str]:
-    """Return the names of all bodies, joints or sites; those without one are numbered."""
-    found: list[str] = []
-    for k, at in enumerate(getattr(model, f'name_{"jnt" if kind == "joint" else kind}adr')):
-        found.append(_text_at(model, at) or _new(f'{kind}{k}', {*found}))
-    return found
+    """Return the names of all elements of a kind; those without one are numbered."""
+    found = [_text_at(model, at) for at in getattr(model, f'name_{kind}adr')]
+    taken = {*found}
+    word = {'jnt': 'joint', 'eq': 'equality'}.get(kind, kind)
+    return [name or _new(f'{word}{k}', taken) for k, name in enumerate(found)]
 
 
 def _text_at(model: Any, at: int) -> str:

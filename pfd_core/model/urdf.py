@@ -29,6 +29,8 @@ from pfd_core.model.values import BLANKS, number_from_text, quote, quote_all
 NOT_A_CHAIN = ('floating', 'planar')
 # A limit of this size means no limit: pfd_core.model.urdf_writer has no other number for it.
 LARGEST_LIMIT = sys.float_info.max
+# Name in a <joint> of what couples it to others, as models of MuJoCo have it.
+EQUALITY = 'equality'
 INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 # The other half of the symmetric matrix, which exporters of CAD write too, and the largest
 # difference between the halves, as a share of the largest element, that is rounding.
@@ -55,7 +57,9 @@ KNOWN: Mapping[str, tuple[str, ...]] = {
     'inertia': (*INERTIA_KEYS, *OTHER_HALF),
     'joint': (
         *('name', 'type', 'origin', 'parent', 'child', 'axis', 'limit', 'dynamics', 'mimic'),
+        EQUALITY,
     ),
+    EQUALITY: ('name',),
     'parent': ('link',),
     'child': ('link',),
     'axis': ('xyz',),
@@ -133,6 +137,7 @@ class Joint(NamedTuple):
 
     `limits` has the numbers that the file states of lower, upper, velocity, effort, damping and
     friction. `unlimited` names limits that are missing or mean none, as the file states them.
+    `equality` names what couples the joint to others beside a mimic.
     """
 
     name: str
@@ -144,6 +149,7 @@ class Joint(NamedTuple):
     limits: Mapping[str, float]
     unlimited: tuple[str, ...]
     mimic: Mimic | None
+    equality: str
     place: Place
 
 
@@ -493,8 +499,9 @@ def _joint(element: Element, name: str, turned: bool) -> Joint:
         factors = _number(mimic, 'multiplier', label, 1.0), _number(mimic, 'offset', label, 0.0)
         rule = Mimic(mimic.get('joint', ''), *factors)
     (limits, unlimited), origin = _limits(element, kind, label), _origin(element, label, turned)
-    place = _place(element)
-    return Joint(name, kind, parent, child, origin, axis, limits, unlimited, rule, place)
+    coupling, place = _only(element, EQUALITY, label), _place(element)
+    others = '' if coupling is None else coupling.get('name', 'none')
+    return Joint(name, kind, parent, child, origin, axis, limits, unlimited, rule, others, place)
 
 
 def _check_mimics(joints: Mapping[str, Joint]) -> None:

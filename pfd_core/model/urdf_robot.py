@@ -395,9 +395,11 @@ def _advised_tip(urdf: Urdf, ends: list[Joint], carriers: Mapping[str, Joint | N
     }
 
     def own(way: list[Joint]) -> list[Joint]:
-        """Return the joints that follow none, up to one that follows a joint elsewhere."""
+        """Return the joints that follow none, up to one that is coupled to a joint elsewhere."""
         names = {joint.name for joint in way}
-        kept = takewhile(lambda joint: leaders.get(joint.name, joint.name) in names, way)
+        kept = takewhile(
+            lambda joint: not joint.equality and leaders.get(joint.name, joint.name) in names, way
+        )
         return [joint for joint in kept if joint.name not in leaders]
 
     most = max(len(own(way)) for way in every)
@@ -418,6 +420,11 @@ def _check_kind(urdf: Urdf, joint: Joint, leaders: Collection[str]) -> None:
         raise ValueError(
             f'{joint.place}: joint {quote(joint.name)} is {joint.kind}, which is not supported: '
             f'choose a base below it, such as base={quote(joint.child)}, or make it fixed'
+        )
+    if joint.equality:
+        raise ValueError(
+            f'{joint.place}: joint {quote(joint.name)} is coupled by the <equality> '
+            f'{quote(joint.equality)[1:-1]}, which is not supported: lock it, or take that away'
         )
     rule = _rule(urdf, joint)
     if rule is None:

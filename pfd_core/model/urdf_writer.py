@@ -31,8 +31,6 @@ from pfd_core.model.urdf import INERTIA_KEYS, LARGEST_LIMIT, parse_urdf
 from pfd_core.model.values import Array, quote
 from pfd_core.model.yaml_files import ELEMENTS
 
-# Cosine of a pitch below which roll and yaw are one angle: of it rounding leaves no digit more.
-GIMBAL_LOCK = 1e-12
 _add = ElementTree.SubElement
 
 
@@ -135,12 +133,11 @@ def add_rotor(root: ElementTree.Element, joint: str, inertia: float) -> None:
 
 def _roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
     """Return the angles of a rotation Rz(yaw) Ry(pitch) Rx(roll) [rad]."""
-    (xx, _, _), (yx, yy, yz), (zx, zy, zz) = R.tolist()
-    level = math.hypot(xx, yx)
-    pitch = math.atan2(-zx, level)
-    if level < GIMBAL_LOCK:
-        return math.atan2(-yz, yy), pitch, 0.0
-    return math.atan2(zy, zz), pitch, math.atan2(yx, xx)
+    (xx, xy, xz), (yx, yy, yz), (zx, _, _) = R.tolist()
+    # Next to a pitch of 90 degrees rounding turns the yaw; the roll, of the rest, makes up for it.
+    yaw = math.atan2(yx, xx)
+    s, c = math.sin(yaw), math.cos(yaw)
+    return math.atan2(s * xz - c * yz, c * yy - s * xy), math.atan2(-zx, math.hypot(xx, yx)), yaw
 
 
 def all_written(numbers: Mapping[str, float]) -> dict[str, str]:

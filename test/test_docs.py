@@ -125,10 +125,12 @@ def test_the_named_tests_read_these_pages() -> None:
 
 
 def commands(name: str) -> list[str]:
-    """Return the commands `pfd ...` in the blocks of a page, fenced or indented."""
+    """Return the commands `pfd ...` in the blocks of a page, and in the sentences of README."""
     fenced = [body for info, body in FENCE.findall(TEXTS[name]) if info.startswith(('sh', 'bash'))]
     indented = re.findall(r'^    (pfd .*(?:\n {8,}\[.*)*)$', FENCE.sub('', TEXTS[name]), re.M)
     lines = [line for body in fenced for line in re.split(r'\n|&&', body)] + indented
+    if name == 'README.md':
+        lines += re.findall(r'`(pfd [^`]*)`', FENCE.sub('', TEXTS[name]))
     return [line.strip() for line in lines if re.match(r' *(\S*/)?pfd ', line)]
 
 

@@ -124,12 +124,12 @@ def watches(
 
 def violated(state: State, found: Sequence[Watch], names: Sequence[str]) -> str:
     """Return why a reflex acts on the state of a step, '' if none does; not on braked joints."""
-    free = state.acting[BRAKE] == 0.0
     for watch in found:
         values = watch.values(state)
-        beyond = np.flatnonzero(((values < watch.lower) | (values > watch.upper)) & free)
-        if len(beyond):
-            k = beyond[0]
+        beyond = (values < watch.lower) | (values > watch.upper)
+        if not beyond.any():  # as almost always
+            continue
+        for k in np.flatnonzero(beyond & (state.acting[BRAKE] == 0.0)).tolist():
             bound = (watch.upper if values[k] > watch.upper[k] else watch.lower)[k]
             text = f'the {watch.what} of {cut(names[k])!r} is {values[k]:.6g}, limit {bound:.6g}'
             return named(state.settings.convention, watch.setting, text)

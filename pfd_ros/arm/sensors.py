@@ -42,7 +42,9 @@ class Sensors:
     """What the settings decide about the sensors; `exact` if states are measured as they are."""
 
     def __init__(self, settings: Settings, order: NDArray[Any], plant: Plant) -> None:
-        self._gravity = plant.kernels.get(ADDED)
+        self._q, self._added = np.zeros((2, len(order)))
+        kernel = plant.kernels.get(ADDED)
+        self._gravity = None if kernel is None else kernel.bind(q=self._q, out=self._added)
         self._shown = settings.state_effort
         self._friction = plant.friction
         self._constants = in_model_order(settings.torque_constant, order)
@@ -77,7 +79,11 @@ class Sensors:
 
     def _of_motor(self, q: NDArray[Any], qd: NDArray[Any], effort: NDArray[Any]) -> NDArray[Any]:
         """Return the torque or the current of each motor, (n,), for a commanded effort."""
-        torque: NDArray[Any] = effort if self._gravity is None else effort + self._gravity(q)
+        torque = effort
+        if self._gravity is not None:
+            self._q[:] = q
+            self._gravity()
+            torque = effort + self._added
         if self._shown == 'current':
             viscous, coulomb = (self._friction.get(x, 0.0) for x in ('damping', 'friction'))
             torque = (torque + viscous * qd + coulomb * np.sign(qd)) / self._constants

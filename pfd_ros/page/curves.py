@@ -88,7 +88,8 @@ def plots_of(run: Recorded, references: Sequence[Reference] = ()) -> Iterator[Pl
     """Yield the plots of a log in the order of a page."""
     for item in JOINT_FIELDS:
         for joints in run.joints:
-            title, values = f'{item} [{run.unit(item, joints.names)}]', joints.values[item]
+            unit, values = run.states_unit(item, joints.names), joints.values[item]
+            title = f'{item} [{unit}]'
             plot = Plot(title, run.topic, joints.names, joints.time, values, breaks=joints.gaps)
             plot = plot._replace(bounds=joints.bounds[item])
             if np.isfinite(values).any():

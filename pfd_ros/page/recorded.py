@@ -139,6 +139,14 @@ class Recorded:
             found = {slides if kinds[x] == 'prismatic' else turns for x in names if x in kinds}
         return found.pop() if len(found) == 1 else f'{turns} or {slides}'
 
+    def states_unit(self, item: str, names: tuple[str, ...]) -> str:
+        """Return the same for the states of the log, whose efforts may be currents."""
+        return 'A' if item == 'effort' and self._currents else self.unit(item, names)
+
+    @property
+    def _currents(self) -> bool:
+        return self.settings.get('state_effort') == 'current'
+
     def _states_topic(self) -> str:
         """Return the topic of joint states: by role, by name, or the one with most messages."""
         found = {topic: len(x) for topic, x in self.of_type(JOINT_STATE) if x.names}
@@ -200,6 +208,7 @@ class Recorded:
         robot = self.robot
         if robot is not None:
             speed, effort = robot.velocity_limit, robot.effort_limit
+            effort = np.full_like(effort, np.inf) if self._currents else effort
             pairs = (robot.position_lower, robot.position_upper), (-speed, speed)
             known = {name: k for k, name in enumerate(robot.joint_names)}
             columns = [j for j, name in enumerate(names) if name in known]

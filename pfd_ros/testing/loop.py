@@ -99,11 +99,15 @@ def run(arm: Any, link: Link, seconds: float, allowed: Collection[str] = ()) -> 
     states = np.empty((count + 1, 3, len(arm.names)))
     messages = [] if silent else engine.present()
     step, answer, measure, accepted = arm.step, link.answer, engine.measured, [ACCEPTED]
+    # States may show the torques or currents of motors: a motion has the efforts, as limits do.
+    acted = settings.state_effort != 'command'
     published, k = True, 0
     while True:
         time, measured = seconds_of(engine.stamp_ns), measure()
         if published:
             states[k] = measured
+            if acted:
+                states[k, 2] = engine.state.rows[engine.state.now, 2, engine.all_joints]
             if k == count:
                 break
             times[k] = time

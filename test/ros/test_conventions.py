@@ -25,6 +25,7 @@ from arm_messages import (
 )
 from bridge import (
     CONVENTIONS,
+    PAGE_TYPES,
     SETTING_ROWS,
     ArmMessage,
     Engine,
@@ -32,6 +33,7 @@ from bridge import (
     behaviours,
     convention_documents,
     decode_joints,
+    page_of_log,
     verify_log,
     what_if,
 )
@@ -41,6 +43,8 @@ import pytest
 from recordings import simulate
 
 import pfd_core as pfd
+from pfd_ros import read_log
+from pfd_ros.testing import LockstepArm
 
 BEHAVIOURS = {(name, row.name): row for name in CONVENTIONS for row in behaviours(name)}
 FIELDS = {row.field: row for row in SETTING_ROWS}
@@ -546,3 +550,18 @@ def test_a_recording_of_a_convention_verifies_and_another_one_is_a_what_if(
 
 def joint_values(n: int, place: int, value: float) -> list[float]:
     return [float(value) if k == place else 0.0 for k in range(n)]
+
+
+def test_the_motion_of_a_test_has_efforts_in_the_units_of_their_limits(tmp_path: Path) -> None:
+    usual = {'robot': 'panda', 'convention': 'franka', 'torque_constant': (10.0,) * 7}
+    for kind, unit in (('torque', 1.0), ('current', 10.0)):
+        path = tmp_path / f'{kind}.mcap'
+        with LockstepArm(**usual, armature=True, state_effort=kind, recording=path) as arm:
+            motion = arm.run(lambda t, q, qd: np.full(7, 0.5), 0.02)
+            assert (motion.tau == 0.5).all()
+            assert np.diff(motion.time) == pytest.approx(0.001)
+            shown = arm.engine.measured()[2]
+            weight = gravity(arm.engine, motion.q[-1])
+        np.testing.assert_allclose(shown * unit, weight + 0.5, rtol=0, atol=1e-2)
+        titles = {plot.title for plot in page_of_log(read_log(path, types=PAGE_TYPES)).plots}
+        assert f'effort [{"A" if kind == "current" else "N m"}]' in titles

@@ -267,7 +267,7 @@ def test_methods_take_followers_or_refuse_them_by_name() -> None:
     assert refused.keys() > {'pcrbm', 'articulated_body'}
     for method, text in refused.items():
         assert {*re.findall(r"'(\w+)'", text)} & {*pfd.METHODS} == taken | {method}
-    with pytest.raises(ValueError, match='emulate takes no robot whose joints follow others'):
+    with pytest.raises(ValueError, match='emulate takes no joint that follows another'):
         pfd.emulate(robot, q, qd, tau)
 
 

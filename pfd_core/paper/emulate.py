@@ -135,9 +135,8 @@ def emulate(
         processors is run, and an instruction on k lanes counts ceil(k / processors) steps. On one
         processor the steps are the operations of the serial program of the method.
     network : str
-        Network that joins the n processors: 'crossbar', 'pm2i', 'cube', 'mesh', 'ring', 'shuffle'
-        or 'bus' (pfd_core.paper.networks). Routes are executed hop by hop, and counted in steps
-        of that network.
+        Network of the n processors: 'crossbar', 'pm2i', 'cube', 'mesh', 'ring', 'shuffle' or
+        'bus' (pfd_core.paper.networks). Routes are executed and counted hop by hop.
     dtype : {'float64', 'float32'}
         Numbers of the machine. An iterative method stops at the rounding of this format.
     digits : int, optional
@@ -147,14 +146,12 @@ def emulate(
         'articulated_body_doubling' and 'constraint_forces' use that R' R is 1 or take angles of
         it, and differ in the 16th digit, which is right for the status and which `error` shows.
     edition : {'corrected', 'printed'}
-        'printed' runs one of the paper's procedures with its misprints
-        (pfd_core.paper.editions).
+        'printed' runs a procedure of the paper with its misprints (pfd_core.paper.editions).
 
     Raises
     ------
     ValueError
         If an argument has the wrong shape or type, is unknown, is out of bounds, or is not finite.
-
     """
     choice('method', method, FORWARD)
     choice('dtype', dtype, DTYPES)
@@ -177,11 +174,8 @@ def emulate(
         raise ValueError(f'emulate takes a scene with a Payload or None, got payload={INPUT!r}')
     plant = resolve(robot, scene)
     if robot.followers:
-        raise ValueError(
-            'emulate takes no robot whose joints follow others, such as '
-            f'{quote(robot.followers[0].name)}: its lanes are links that move on their own; use '
-            'forward_dynamics'
-        )
+        name = quote(robot.followers[0].name)
+        raise ValueError(f'emulate takes no joint that follows another, as {name}: a link is a lane')
     schedule = 'sequential' if processors == 1 else 'parallel'
     if printed:
         check_instant(plant)

@@ -58,6 +58,7 @@ if TYPE_CHECKING:
         Robot,
         Scene,
         estimated_armature,
+        find_description,
         known_robots,
         load_robot,
         load_scene,
@@ -119,6 +120,7 @@ __all__ = [
     'compile_kernel',
     'emulate',
     'estimated_armature',
+    'find_description',
     'find_package',
     'forward_dynamics',
     'integrate',
@@ -147,9 +149,9 @@ _NAMES = {
     'kernels.kernel': 'Kernel',
     'machine.program': 'Program Steps',
     'model': (
-        'EFFECTS Payload PhysicsWarning Robot Scene estimated_armature known_robots '
-        'load_robot load_scene lock locked_joints read_urdf reflected_inertia robot_to_yaml '
-        'scene_to_yaml start_positions urdf_of with_payload'
+        'EFFECTS Payload PhysicsWarning Robot Scene estimated_armature find_description '
+        'known_robots load_robot load_scene lock locked_joints read_urdf reflected_inertia '
+        'robot_to_yaml scene_to_yaml start_positions urdf_of with_payload'
     ),
     'model.packages': 'find_package',
     'model.urdf_robot': 'TreeError',

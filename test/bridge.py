@@ -295,6 +295,7 @@ NAMES = {
     'initialised': 'pfd_ros.testing.domains:initialised',
     # pfd_ros.view: the arm in 3D
     'LinkPoses': 'pfd_ros.view.links:LinkPoses',
+    'named_model': 'pfd_ros.view.links:named_model',
     'Stage': 'pfd_ros.view.arm:Stage',
     'draw': 'pfd_ros.view.forms:draw',
     'LiveShown': 'pfd_ros.view.live:Shown',

@@ -50,6 +50,7 @@ VALID: dict[str, dict[str, Any]] = {
     'compile_kernel': {'robot': ROBOT},
     'emulate': {'robot': ROBOT, 'q': ZERO, 'qd': ZERO, 'tau': ZERO},
     'estimated_armature': {'robot': ROBOT},
+    'find_description': {'name': 'planar2'},
     'find_package': {'name': 'no_package', 'folder': '/nowhere'},
     'forward_dynamics': {'robot': ROBOT, 'q': ZERO, 'qd': ZERO, 'tau': ZERO},
     'integrate': {'robot': ROBOT, 'tau': ZERO, 'duration': 0.01},

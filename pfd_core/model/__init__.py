@@ -8,6 +8,7 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
                         papers, and robots stored exactly
     rotors              rotors behind gears: their inertia at the joint
     packages            folders of ROS packages: installed, or by their package.xml in a checkout
+    described           robots by name whose links are in another package, with our numbers
     apart               programs that make a URDF of a file, in another process with a bound
     xacro_files         the URDF of a xacro file and its arguments, by the package xacro
     mjcf                the URDF of a MuJoCo model, compiled by the package mujoco
@@ -35,6 +36,7 @@ An effect of the motors has its torque in pfd_core.dynamics.drives as well.
 
 from pfd_core.model.effects import EFFECTS, Effect
 from pfd_core.model.loading import (
+    find_description,
     known_robots,
     load_robot,
     load_scene,
@@ -69,6 +71,7 @@ __all__ = [
     'check_instant',
     'check_joint_inertia',
     'estimated_armature',
+    'find_description',
     'given_scene',
     'has_drives',
     'known_robots',

@@ -4,26 +4,27 @@
 Robots by name, from a file or from text, and scenes from a file or from text.
 
 A scene file is YAML: a table of the fields of Scene. `null` is None, and numbers of joints are
-lists in the order of the robot's joints. URDF and xacro are read by modules that are imported at
-the first such file.
+lists in the order of the robot's joints. URDF and xacro, and robots by name whose links are in
+another package, are read by modules that are imported at the first such file.
 """
 
 from __future__ import annotations
 
 from codecs import lookup
 from collections.abc import Mapping
+from dataclasses import replace
 import errno
 from importlib.resources import files
 from os import PathLike, fspath
 from pathlib import Path
 import re
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pfd_core.forking import load
 from pfd_core.model.robot import Robot, lock, locked_positions
 from pfd_core.model.scene import Scene, scene_from_yaml
-from pfd_core.model.values import quote, quote_all
-from pfd_core.model.yaml_files import robot_from_yaml
+from pfd_core.model.values import quote, quote_all, switch
+from pfd_core.model.yaml_files import is_described, robot_from_yaml
 
 if TYPE_CHECKING:
     from importlib.abc import Traversable
@@ -73,9 +74,50 @@ OTHER_KINDS = {
 LFS = 'version https://git-lfs'
 
 
-def known_robots() -> list[str]:
-    """Return the names of the robots in config/robots, sorted."""
-    return sorted(_robot_files())
+class _Read(NamedTuple):
+    """The file of a robot."""
+
+    text: str
+    origin: str
+    kind: str  # URDF, XACRO or MJCF, whose text is URDF, or '' for YAML
+    tip: str | None = None  # the tip of a robot by name
+
+    def urdf(self) -> Urdf | None:
+        """Parse it; None if it is YAML."""
+        if not self.kind:
+            return None
+        parsed = load('model.urdf.parse_urdf')(self.text, self.origin, self.kind == URDF)
+        found: Urdf = replace(parsed, tip=self.tip)
+        return found
+
+
+def known_robots(*, described: bool = False) -> list[str]:
+    """
+    Return the names of the robots in config/robots, sorted.
+
+    If `described` is set, those whose links are in a description of another package, which
+    `find_description` finds; otherwise those that need no other file.
+    """
+    described = switch('described', described)
+    texts = {name: file.read_text('utf-8') for name, file in _robot_files().items()}
+    return sorted(name for name, text in texts.items() if is_described(text) == described)
+
+
+def find_description(name: str) -> Path | None:
+    """
+    Return the URDF or xacro file of another package that describes a robot by name.
+
+    A package is where `find_package` finds it. None if no such file is on disk, or the robot has
+    none; ValueError for a name that `known_robots` does not have.
+    """
+    file = _robot_files().get(name) if isinstance(name, str) else None
+    if file is None:
+        raise ValueError(f'name must be the name of a robot, got {quote(name)}')
+    try:
+        found: Path = load('model.described.description')(file.read_text('utf-8'), name).path
+    except ValueError:
+        return None
+    return found
 
 
 def load_robot(
@@ -93,15 +135,17 @@ def load_robot(
     Parameters
     ----------
     source : str, path or Urdf
-        A name of `known_robots`, the path of a URDF, xacro or YAML file, the text of a URDF or
-        YAML file, or the record of a URDF as `read_urdf` returns it.
+        A name of `known_robots`, also of one with a description on disk, the path of a URDF, xacro
+        or YAML file, the text of a URDF or YAML file, or the record of a URDF as `read_urdf`
+        returns it.
     base, tip : str, optional
         First and last link of the chain in a URDF; default: the root link, and the link that the
-        last joint moves. The base is fixed: links above it and other branches on it are cut off.
-        Gravity stays in axes of the root; joints between root and base are at 0 or locked.
-        Branches on a moving link keep their mass, also beyond the tip; their joints are locked,
-        next to 0 within their limits, and a warning names them. Joints that mimic joints of the
-        chain move with them, also on branches (`Robot.followers`), and a warning names them.
+        last joint moves, or the flange of a robot by name. The base is fixed: links above it and
+        other branches on it are cut off. Gravity stays in axes of the root; joints between root
+        and base are at 0 or locked. Branches on a moving link keep their mass, also beyond the
+        tip; their joints are locked, next to 0 within their limits, and a warning names them.
+        Joints that mimic joints of the chain move with them, also on branches
+        (`Robot.followers`), and a warning names them.
     locked : mapping, optional
         Name of a joint, or a pattern such as 'hand_*' -> position [rad, m] at which it becomes a
         fixed joint, and with it the joints of a URDF that mimic it.
@@ -111,7 +155,8 @@ def load_robot(
         `snapped_joints` names the joints that this changed. Results then differ by up to 1e-8
         from those of Pinocchio; -1 takes angles as written, and they agree to rounding.
     xacro : mapping, optional
-        Arguments of a .xacro file: name -> text or number; default: those of the file. Its
+        Arguments of a .xacro file: name -> text or number; default: those of the file, or of the
+        robot by name. Its
         `$(find NAME)` is the folder of an installed package (AMENT_PREFIX_PATH), or else of the
         package.xml with that name above the file or beside its package.
 
@@ -133,8 +178,8 @@ def load_robot(
     _check_ends(base, tip)
     urdf: Any = source
     if isinstance(source, (str, PathLike)) or not isinstance(source, load('model.urdf.Urdf')):
-        text, origin, kind = _read(source, xacro)
-        urdf = load('model.urdf.parse_urdf')(text, origin, kind == URDF) if kind else None
+        read = _read(source, xacro)
+        urdf = read.urdf()
     elif xacro:
         raise ValueError(NO_XACRO.format(quote_all(xacro)))
     if urdf is not None:
@@ -142,7 +187,7 @@ def load_robot(
             urdf, base=base, tip=tip, locked=locked, right_angle=right_angle
         )
         return from_urdf
-    robot = robot_from_yaml(text, origin)
+    robot = robot_from_yaml(read.text, read.origin)
     for role, asked, has in (('base', base, robot.base), ('tip', tip, robot.tip)):
         if asked not in (None, has):
             raise ValueError(
@@ -193,9 +238,7 @@ def read_urdf(
 
     The arguments are as for `load_robot`, and so are the errors; None if it is a robot in YAML.
     """
-    text, origin, kind = _read(source, xacro)
-    urdf: Urdf | None = load('model.urdf.parse_urdf')(text, origin, kind == URDF) if kind else None
-    return urdf
+    return _read(source, xacro).urdf()
 
 
 def urdf_of(source: str | PathLike[str], xacro: Mapping[str, object] | None = None) -> str:
@@ -204,9 +247,10 @@ def urdf_of(source: str | PathLike[str], xacro: Mapping[str, object] | None = No
 
     The arguments are as for `load_robot`, which reads the same robot from the URDF, to rounding.
     """
-    text, origin, kind = _read(source, xacro)
-    if not kind:
-        text = load('model.urdf_writer.robot_to_urdf')(robot_from_yaml(text, origin))
+    read = _read(source, xacro)
+    if read.kind:
+        return read.text
+    text: str = load('model.urdf_writer.robot_to_urdf')(robot_from_yaml(read.text, read.origin))
     return text
 
 
@@ -223,35 +267,53 @@ def load_scene(source: str | PathLike[str]) -> Scene:
     return scene_from_yaml(_text('scene', path), str(path))
 
 
-def _read(source: object, xacro: Mapping[str, object] | None) -> tuple[str, str, str]:
-    """Return the text of a robot, its origin, and its kind; '' for YAML, else the text is URDF."""
+def _read(source: object, xacro: Mapping[str, object] | None) -> _Read:
     if not (xacro is None or isinstance(xacro, Mapping)):
         raise ValueError(f'xacro must be a mapping, got {quote(xacro)}')
     if isinstance(source, str):
         known = _robot_files().get(source)
-        is_urdf = source.lstrip().startswith('<')
-        if is_urdf or '\n' in source or known is not None:
-            if xacro:
-                raise ValueError(NO_XACRO.format(quote_all(xacro)))
-            if known is not None:
-                return known.read_text('utf-8'), str(known), ''
-            return (source, 'URDF text', URDF) if is_urdf else (source, 'YAML text', '')
+        if known is not None:
+            return _read_yaml(known.read_text('utf-8'), str(known), xacro)
+        if source.lstrip().startswith('<'):
+            _refuse_arguments(xacro)
+            return _Read(source, 'URDF text', URDF)
+        if '\n' in source:
+            return _read_yaml(source, 'YAML text', xacro)
     path = _path(source, 'a name, a path or a string')
     if len(path.parts) == 1 and path.suffix.lower() not in SUFFIXES and not _is_there(path):
         raise ValueError(
-            f'unknown robot {quote(str(source))}: known are {", ".join(known_robots())}; or '
+            f'unknown robot {quote(str(source))}: known are {", ".join(known_robots())}, and with '
+            f'a description of another package {", ".join(known_robots(described=True))}; or '
             'give the path of a URDF, xacro or YAML file'
         )
     text = _text('robot', path)
     root = _root_of(text, quote(str(path)))
     macros = MACRO.search(text) or (LANGUAGE in text and EXPRESSION.search(text))
     if path.suffix.lower() == '.xacro' or (root and macros):
-        return load('model.xacro_files.expanded')(path, xacro or {}), str(path), XACRO
+        expanded = load('model.xacro_files.expanded')(path, xacro or {})
+        return _Read(expanded, str(path), XACRO)
+    if not root:
+        return _read_yaml(text, str(path), xacro)
+    _refuse_arguments(xacro)
+    if root == MJCF:
+        return _Read(load('model.mjcf.urdf_of_mjcf')(path), str(path), MJCF)
+    return _Read(text, str(path), URDF)
+
+
+def _read_yaml(text: str, origin: str, xacro: Mapping[str, object] | None) -> _Read:
+    """Return a robot in YAML: with all its numbers, or of a description in another package."""
+    if not is_described(text):
+        _refuse_arguments(xacro)
+        return _Read(text, origin, '')
+    path, tip, arguments = load('model.described.description')(text, origin)
+    urdf = _read(path, {**arguments, **(xacro or {})}).urdf()
+    urdf = load('model.described.with_numbers')(urdf, tip, text, origin)
+    return _Read(urdf, f'{path}, with numbers of {Path(origin).name}', XACRO, tip)
+
+
+def _refuse_arguments(xacro: Mapping[str, object] | None) -> None:
     if xacro:
         raise ValueError(NO_XACRO.format(quote_all(xacro)))
-    if root == MJCF:
-        return load('model.mjcf.urdf_of_mjcf')(path), str(path), MJCF
-    return text, str(path), URDF if root else ''
 
 
 def _root_of(text: str, label: str) -> str:

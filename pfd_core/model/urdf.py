@@ -174,6 +174,8 @@ class Urdf:
         Elements and attributes that are not read and whose names resemble names that are.
     unread : tuple of str
         Other attributes and elements in `PHYSICAL` ones that are not read, each name once.
+    tip : str, optional
+        The tip of the arm by default, if the robot has a name.
 
     """
 
@@ -185,6 +187,7 @@ class Urdf:
     source: str = 'URDF text'
     misspelt: tuple[str, ...] = ()
     unread: tuple[str, ...] = ()
+    tip: str | None = None
 
     @property
     def place(self) -> Place:

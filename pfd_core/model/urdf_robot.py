@@ -207,7 +207,7 @@ def find_chain(
     link stay, welded to it; a joint there that could move is locked, next to zero within its
     limits, or as it follows another.
     """
-    label = quote(urdf.name)
+    label, tip = quote(urdf.name), urdf.tip if tip is None else tip
     above = {joint.child: joint for joint in urdf.joints.values()}
     children: dict[str, list[Joint]] = {link: [] for link in urdf.links}
     root = _root(urdf, above, children)

@@ -31,6 +31,8 @@ may also have `root_rotation`: its axes in the root of the model, in which gravi
 
 `frames` has further frames by name, {link, rotation, translation}: fixed to link 1 to n and placed
 in that frame of `Robot`, or fixed to the base link, 0, and placed in its frame.
+
+A robot without `joints` has its links in another package: pfd_core.model.described.
 """
 
 from __future__ import annotations
@@ -38,6 +40,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping
 from functools import lru_cache, partial
+import re
 from typing import Any, NamedTuple
 import warnings
 
@@ -83,6 +86,8 @@ FRAME = ('rotation', 'translation')
 # A follower has none of these.
 OF_MOTORS = ('limits', *LOSSES, 'rotor')
 OPTIONAL = ('center', 'inertia', *OF_MOTORS, *PLACED_BY, 'follows')
+# Keys at the beginning of a line.
+JOINTS, DESCRIPTION = (re.compile(rf'^{key}:', re.MULTILINE) for key in ('joints', 'description'))
 
 
 def read_yaml(text: str, source: str) -> Any:
@@ -105,6 +110,11 @@ def read_yaml(text: str, source: str) -> Any:
         raise ValueError(f'{quote(source)} is not YAML: {quote(problem)[1:-1]}{line}') from error
     except RecursionError as error:
         raise ValueError(f'{quote(source)} is nested too deep') from error
+
+
+def is_described(text: str) -> bool:
+    """Return whether a YAML text is a robot without joints, whose links are in another package."""
+    return DESCRIPTION.search(text) is not None and JOINTS.search(text) is None
 
 
 class _Loader(yaml.BaseLoader):  # type: ignore[misc]
@@ -229,7 +239,8 @@ def robot_from_yaml(text: str, source: str) -> Robot:
     `source` is the origin of the text, and the robot's if the text states none. ValueError, which
     names it, for a text that is no YAML and a key that is missing, unknown or has a wrong value.
     """
-    optional = ('source', 'base', 'tip', 'frames')
+    # The meshes of a description are for pictures.
+    optional = ('source', 'base', 'tip', 'frames', 'description')
     document = table(quote(source), read_yaml(text, source), ('robot', 'joints'), optional)
     name, rows = document['robot'], document['joints']
     if not isinstance(rows, list):

@@ -121,6 +121,9 @@ def described_robot(settings: Settings, source: str | pfd.Urdf) -> DescribedRobo
     """
     xacro = xacro_arguments(settings.xacro_args)
     urdf = source if isinstance(source, pfd.Urdf) else pfd.read_urdf(source, xacro)
+    if urdf is not None and urdf.tip is not None and not settings.tip_link:
+        # The text that is published and recorded does not state it.
+        settings = replace(settings, tip_link=urdf.tip)
     if urdf is None:
         return with_start(
             DescribedRobot(load_robot(settings, source), with_locks(settings, source))

@@ -12,6 +12,7 @@ import io
 import json
 from pathlib import Path
 import sys
+import warnings
 
 from pfd_ros.cli.terminal import Command, add_view, ended_by_signals
 from pfd_ros.view.ports import check_page
@@ -63,11 +64,27 @@ def _demo(given: argparse.Namespace) -> int:
 
 
 def _robots(_: argparse.Namespace) -> int:
+    """Print each robot, where its description is, and the effects that it has values for."""
     import pfd_core as pfd
 
-    for name in pfd.known_robots():
-        robot = pfd.load_robot(name)
-        print(f'{name:20s} {robot.n} joints: {", ".join(robot.joint_names)}')
+    fields = [field for effect in pfd.EFFECTS for field in effect.fields if field.from_model]
+    for name in (*pfd.known_robots(), *pfd.known_robots(described=True)):
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter('ignore', pfd.PhysicsWarning)
+                robot = pfd.load_robot(name)
+        except ValueError as error:
+            print(f'{name:10s} {error}')
+            continue
+        print(f'{name:10s} {robot.n} joints: {", ".join(robot.joint_names)}')
+        # A description may state zeros.
+        has = {
+            f.name: len(f.unstated(robot)) < robot.n and f.of_model(robot).any() for f in fields
+        }
+        lacks = ', '.join(key for key in has if not has[key])
+        found = ', '.join(filter(has.get, has)) + (lacks and f'; none for {lacks}')
+        file = pfd.find_description(name)
+        print(f'{"":10s} values for {found}' + (f'\n{"":10s} {file}' if file else ''))
     return 0
 
 
@@ -111,7 +128,12 @@ COMMANDS = {
         _demo,
         lambda _: True,
     ),
-    'robots': Command('list the included robots', 'pfd robots', lambda _: None, _robots),
+    'robots': Command(
+        'list the robots by name: joints, effects with values, descriptions on disk',
+        'pfd robots',
+        lambda _: None,
+        _robots,
+    ),
     'urdf': Command(
         'write the URDF of a robot',
         'pfd urdf puma560 --out puma560.urdf',

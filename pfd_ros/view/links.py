@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any
+import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,18 +22,62 @@ Array = NDArray[np.float64]
 TURNING, SLIDING = ('revolute', 'continuous'), 'prismatic'
 # Largest length [m] that is drawn, and the reach of an arm whose frames all coincide.
 LARGEST, NO_REACH = 1e3, 1.0
+# Difference of poses [m, and of rotation matrices] that is rounding in a file.
+SAME_PLACE = 1e-6
 
 
 def named_model(robot: str) -> tuple[pfd.Urdf, Path | None]:
     """Return the model of a robot, as `load_robot` takes it, and the folder of its file."""
     urdf = pfd.read_urdf(robot) or parsed_urdf(pfd.urdf_of(robot), robot)
-    return urdf, folder_of(robot)
+    return with_meshes(urdf, folder_of(robot))
 
 
 def folder_of(robot: str) -> Path | None:
-    """Return the folder of a robot's file, None for a robot without one."""
+    """Return the folder of a robot's file or description, None for a robot without one."""
     path = Path(robot)
+    if robot in pfd.known_robots(described=True):
+        file = pfd.find_description(robot)
+        return file and file.parent
     return path.absolute().parent if path.is_file() else None
+
+
+def with_meshes(urdf: pfd.Urdf, folder: Path | None) -> tuple[pfd.Urdf, Path | None]:
+    """
+    Return a model and its folder, or for an included robot the description with its meshes.
+
+    The description must be on disk, and have the same joints, with the same links at the same
+    places; what it has beyond the tip, such as a hand, is not simulated and left out.
+    """
+    if '<visual' in urdf.text or urdf.name not in pfd.known_robots():
+        return urdf, folder
+    file = pfd.find_description(urdf.name)
+    drawn = file and _without_tool(pfd.read_urdf(file), LinkPoses(urdf, ()).tip)
+    joints = [joint.name for joint in urdf.joints.values() if joint.kind != 'fixed']
+    if file is None or not drawn or not drawn.joints.keys() >= {*joints}:
+        return urdf, folder
+    ours, theirs = LinkPoses(urdf, joints), LinkPoses(drawn, joints)
+    shared = [link for link in ours.links if link in theirs.links]
+    rows = [[poses.links.index(link) for link in shared] for poses in (ours, theirs)]
+    # No joint may be at rest: positions of a turn and more, all different.
+    q = np.arange(1.0, 1.0 + len(joints))
+    same = np.allclose(ours.at(q)[rows[0]], theirs.at(q)[rows[1]], rtol=0.0, atol=SAME_PLACE)
+    return (drawn, file.parent) if len(shared) > 1 and same else (urdf, folder)
+
+
+def _without_tool(urdf: pfd.Urdf | None, tip: str) -> pfd.Urdf | None:
+    """Return a model without the links beyond a link."""
+    if urdf is None:
+        return None
+    beyond = [tip]
+    for link in beyond:
+        beyond += [joint.child for joint in urdf.joints.values() if joint.parent == link]
+    root = ElementTree.fromstring(urdf.text.strip())
+    for element in [*root]:
+        name = element.get('name', '')
+        joint = urdf.joints.get(name) if element.tag == 'joint' else None
+        if (joint and joint.parent in beyond) or (element.tag == 'link' and name in beyond[1:]):
+            root.remove(element)
+    return parsed_urdf(ElementTree.tostring(root, encoding='unicode'), urdf.source)
 
 
 def pose_of(xyz: Sequence[float], rpy: Sequence[float]) -> Array:

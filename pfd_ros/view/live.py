@@ -33,7 +33,7 @@ from pfd_ros.arm.events import DESCRIPTION, PAYLOAD_IN_USE, ROLES, STATES, TIP_W
 from pfd_ros.node.visitor import resolved, visitor
 from pfd_ros.text import cut, listed, one_line
 from pfd_ros.view.arm import Stage
-from pfd_ros.view.links import named_model
+from pfd_ros.view.links import named_model, with_meshes
 from pfd_ros.view.loads import PAYLOADS, WRENCHES, Load, Source
 from pfd_ros.view.logged import LARGEST_POSITION
 
@@ -98,7 +98,7 @@ def model_of(node: Node, arm: str, topics: dict[str, str]) -> tuple[pfd.Urdf, Pa
         while time.monotonic() < deadline:
             executor.spin_once(timeout_sec=0.1)
             if texts:
-                return parsed_urdf(texts[-1], topic), None
+                return with_meshes(parsed_urdf(texts[-1], topic), None)
             if answer is None and client.service_is_ready():
                 answer = client.call_async(GetParameters.Request(names=['robot']))
             if answer is not None and answer.done() and not node.count_publishers(topic):

@@ -25,7 +25,7 @@ from pfd_ros.recording.topic_arrays import TopicArrays
 from pfd_ros.text import cut, listed, one_line
 from pfd_ros.view.arm import Stage
 from pfd_ros.view.forms import draw
-from pfd_ros.view.links import Array, LinkPoses, folder_of, named_model
+from pfd_ros.view.links import Array, LinkPoses, folder_of, named_model, with_meshes
 from pfd_ros.view.loads import PAYLOADS, WRENCHES, Load, Source
 from pfd_ros.view.meshes import Meshes
 
@@ -154,9 +154,11 @@ def _model(
     folder = folder_of(str((log.settings or {}).get('robot', '')))
     for topic in (name for name in log if name.rpartition('/')[2] == DESCRIPTION):
         if _readable(log, topic, STRING):
-            return parsed_urdf(str(log[topic].data[-1]), f'{topic} of {log.path}'), folder
+            text = str(log[topic].data[-1])
+            return with_meshes(parsed_urdf(text, f'{topic} of {log.path}'), folder)
     if log.robot is not None:
-        return parsed_urdf(pfd.robot_to_urdf(log.robot), f'the robot in {log.path}'), folder
+        text = pfd.robot_to_urdf(log.robot)
+        return with_meshes(parsed_urdf(text, f'the robot in {log.path}'), folder)
     if other is not None:
         return other, folder
     raise ValueError(

@@ -125,10 +125,9 @@ class Meshes:
         folders = [folder for folder in self._packages if folder.name == name]
         for prefix in self._packages:
             folders += [prefix / name, prefix / 'share' / name]
-        if self._folder is not None:
-            if name not in self._found_packages:
-                self._found_packages[name] = pfd.find_package(name, self._folder)
-            folders += filter(None, [self._found_packages[name]])
+        if name not in self._found_packages:
+            self._found_packages[name] = pfd.find_package(name, self._folder)
+        folders += filter(None, [self._found_packages[name]])
         folders += [folder for folder in around if folder.name == name]
         folders += [folder / name for folder in (*_installed(), *around)]
         there = [folder for folder in folders if folder.is_dir()]

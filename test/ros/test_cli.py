@@ -450,13 +450,25 @@ def test_progress_is_printed_on_a_terminal_alone() -> None:
 # The small commands.
 
 
-def test_robots_lists_each_robot_with_its_joints_and_the_version_is_that_of_the_library() -> None:
+def test_robots_lists_each_robot_and_the_version_is_that_of_the_library(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for variable in ('AMENT_PREFIX_PATH', 'ROS_PACKAGE_PATH'):
+        monkeypatch.delenv(variable, raising=False)
+    monkeypatch.setenv('ROBOT_DESCRIPTIONS_CACHE', str(tmp_path))
     assert command('--version') == (0, f'pfd {pfd.__version__}\n', '')
     status, printed, _ = command('robots')
     assert status == 0
-    lines = printed.splitlines()
-    assert [line.split()[0] for line in lines] == list(pfd.known_robots())
-    assert any('6 joints: joint1, joint2' in line for line in lines)
+    heads = [line for line in printed.splitlines() if not line.startswith(' ')]
+    names = [*pfd.known_robots(), *pfd.known_robots(described=True)]
+    assert [line.split()[0] for line in heads] == names
+    assert any('6 joints: joint1, joint2' in line for line in heads)
+    assert (
+        'values for joint_limits, effort_limits; none for damping, armature, friction' in printed
+    )
+    assert any('apt install ros-jazzy-ur-description' in line for line in heads)
+    # Of example-robot-data, which pip installs.
+    assert re.search(r'^xarm7 .*joint7\n .*none for armature\n .*xarm7\.urdf$', printed, re.M)
 
 
 def test_urdf_prints_the_bytes_that_it_writes_also_where_stdout_is_ascii(tmp_path: Path) -> None:

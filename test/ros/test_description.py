@@ -26,6 +26,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pinocchio as pin
 import pytest
+from view_models import urdf as pendulum
 from zoo import joint as zoo_joint
 from zoo import link, urdf
 
@@ -368,3 +369,19 @@ def test_arguments_of_a_xacro_file_are_settings_of_the_arm(tmp_path: Path) -> No
     assert found.robot.name == 'a b'
     with pytest.raises(ValueError, match=r'are for a xacro file'):
         described_robot(Settings(xacro_args=('mass:=2',)), 'planar2')
+
+
+def test_the_tip_and_the_numbers_of_a_robot_by_name_are_published_and_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('ROS_PACKAGE_PATH', str(tmp_path))
+    (tmp_path / 'package.xml').write_text('<package><name>pendulum</name></package>')
+    (tmp_path / 'arm.urdf').write_text(pendulum())
+    row = 'description: [{package: pendulum, path: arm.urdf, tip: end}]'
+    path = tmp_path / 'arm.yaml'
+    path.write_text(f'robot: short\n{row}\nnumbers: {{friction: [0.75]}}\n')
+    found = described_robot(Settings(), str(path))
+    assert (found.robot.name, found.robot.tip, found.settings.tip_link) == ('short', 'end', 'end')
+    assert found.robot.friction.tolist() == [0.75]
+    assert pfd.load_robot(found.text, tip=found.settings.tip_link) == found.robot
+    assert described_robot(Settings(tip_link='arm'), str(path)).robot.tip == 'arm'

@@ -38,6 +38,7 @@ from bridge import (
     encode_numbers,
     export_view,
     frame_times,
+    named_model,
     pfd_commands_of,
     pfd_main,
     pfd_parser,
@@ -237,6 +238,8 @@ def test_meshes_are_found_by_path_and_package_and_scaled(
     monkeypatch.delenv('AMENT_PREFIX_PATH')
     monkeypatch.setenv('ROS_PACKAGE_PATH', str(tmp_path / 'share'))
     found['ROS_PACKAGE_PATH'] = drawn(urdf(mesh(inside)))
+    monkeypatch.setenv('ROBOT_DESCRIPTIONS_CACHE', str(tmp_path / 'src'))
+    found['cache of robot_descriptions'] = drawn(urdf(mesh(cloned)))
     for where, drawing in found.items():
         assert drawing.problems == (), where
         assert edges(drawing) == pytest.approx([0.5, 0.5, 0.5]), where
@@ -245,6 +248,23 @@ def test_meshes_are_found_by_path_and_package_and_scaled(
     (mirrored,) = scaled.shapes
     # Seen from outside, the corners of a face still turn counter-clockwise.
     assert mirrored.mesh.volume == pytest.approx(0.5**3 / 6)
+
+
+def test_an_included_robot_is_drawn_by_meshes_on_disk_if_they_are_of_the_same_arm(
+    tmp_path: Path,
+) -> None:
+    text, path = pfd.urdf_of('panda'), tmp_path / 'panda.urdf'
+    path.write_text(text)
+    for source in ('panda', str(path)):
+        model, folder = named_model(source)
+        drawing = draw(model, Meshes(folder))
+        assert drawing.problems == ()
+        # The arm has no hand.
+        assert {shape.link for shape in drawing.shapes} == {f'panda_link{k}' for k in range(8)}
+    assert '0.333' in text
+    path.write_text(text.replace('0.333', '0.343'))
+    assert named_model(str(path))[0].text == path.read_text()
+    assert '<visual' not in named_model('planar2')[0].text
 
 
 def test_collada_has_its_own_unit_and_its_up_axis_is_ignored_as_in_rviz(tmp_path: Path) -> None:

@@ -175,7 +175,7 @@ def emulate(
     plant = resolve(robot, scene)
     if robot.followers:
         name = quote(robot.followers[0].name)
-        raise ValueError(f'emulate takes no joint that follows another, as {name}: a link is a lane')
+        raise ValueError(f'emulate takes no joint that follows another, such as {name}')
     schedule = 'sequential' if processors == 1 else 'parallel'
     if printed:
         check_instant(plant)

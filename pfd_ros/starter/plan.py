@@ -100,7 +100,7 @@ def plan_of(arm: Arm) -> Plan:
     shift = (np.abs(np.linalg.inv(inertia)) @ lacking).max(axis=0) / bandwidth**2
     if (shift[free > 0] > free[free > 0]).any():
         text = 'would reach its limits: friction and the loads of the tests shift it by {:.3g} of '
-        raise _refusal(robot, shift / width, f'{text}its range; lock it')
+        raise _refusal(robot, shift / width, f'{text}its range; make it fixed')
     return Plan(start, end, duration, bandwidth, reason)
 
 

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,15 +14,7 @@ from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.arm.description import DescribedRobot, described_robot, parsed_urdf
-from pfd_ros.arm.plant_settings import PlantSettings
-from pfd_ros.arm.settings import (
-    PER_JOINT,
-    CommandSettings,
-    SensorSettings,
-    Settings,
-    joint_order,
-    joint_values,
-)
+from pfd_ros.arm.settings import PER_JOINT, Settings, joint_order, joint_values
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.types import JOINT_STATE, STRING
 from pfd_ros.recording.arrays import COUNT, LogArrays, read_log, renamed
@@ -54,11 +46,6 @@ class Arm(NamedTuple):
     numbers: Mapping[str, NDArray[Any]]
     sources: Mapping[str, Any]
     notes: tuple[str, ...]
-
-    @property
-    def period(self) -> float:
-        """The control period, s."""
-        return self.settings.publish_every * self.settings.step_size
 
 
 def arm_of(source: str | None, log: Path | None, tip: str, rename: Mapping[str, str]) -> Arm:
@@ -99,8 +86,9 @@ def arm_of(source: str | None, log: Path | None, tip: str, rename: Mapping[str, 
     sources: dict[str, Any] = dict.fromkeys(NUMBERS, [label] * robot.n)
     sources |= dict.fromkeys(PLAIN, label)
     if recorded is not None:
-        numbers, start, line = _recorded(recorded, robot)
-        notes += line
+        numbers, start = _recorded(recorded.settings, robot)
+        taken = ', '.join([*PLAIN, *NUMBERS])
+        notes += (f'of the settings of {name}, which pfd info prints, these are taken: {taken}',)
     else:
         stated = any(line.startswith('initial_positions') for line in found.taken)
         sources |= {
@@ -137,23 +125,16 @@ def _chain(settings: Settings, urdf: pfd.Urdf) -> tuple[DescribedRobot, tuple[st
 
 
 def _recorded(
-    log: Log, robot: pfd.Robot
-) -> tuple[dict[str, NDArray[Any]], dict[str, float], tuple[str, ...]]:
-    """Return the numbers of a recorded arm, its start, and a line about what is not taken."""
-    settings, default, numbers = log.settings, Settings(), {}
-    order = joint_order(settings.joints, robot)
+    settings: Settings, robot: pfd.Robot
+) -> tuple[dict[str, NDArray[Any]], dict[str, float]]:
+    """Return the numbers of a recorded arm, and its start by joint."""
+    order, numbers = joint_order(settings.joints, robot), {}
     for row in PER_JOINT:
         if row.name in NUMBERS:
             numbers[row.name] = np.empty(robot.n)
             numbers[row.name][list(order)] = joint_values(row, settings, robot, order)
     names = (robot.joint_names[i] for i in order)
-    start = dict(zip(names, settings.initial_positions, strict=False))
-    known = {*PLAIN, *NUMBERS, *(f'joint_{name}' for name in NUMBERS)}
-    kinds = fields(PlantSettings) + fields(CommandSettings) + fields(SensorSettings)
-    left = [x for x in (f.name for f in kinds) if getattr(settings, x) != getattr(default, x)]
-    left = [name for name in left if name not in known]
-    line = f'not taken from the recording: {listed(left)}; add them to arm.yaml as you need them'
-    return numbers, start, (line,) if left else ()
+    return numbers, dict(zip(names, settings.initial_positions, strict=False))
 
 
 def _described(log: LogArrays) -> str:

@@ -94,7 +94,8 @@ def plan_of(arm: Arm) -> Plan:
         raise _refusal(robot, 1.0 / largest, 'moves next to no inertia: add a mass or a rotor')
     large = np.minimum(np.array(LARGE_ERROR)[slides], FREE_SHARE * width)
     bandwidth = np.sqrt(FEEDBACK_SHARE * robot.effort_limit / (largest * large))
-    delayed = BANDWIDTH_DELAY / (DELAYED_PERIODS * arm.period)
+    period = arm.settings.publish_every * arm.settings.step_size
+    delayed = BANDWIDTH_DELAY / (DELAYED_PERIODS * period)
     bandwidth = _rounded(np.minimum(bandwidth, min(HIGHEST_BANDWIDTH, delayed)), 3)
     lacking = numbers['friction'] + TESTED_SHARE * largest * bandwidth**2 * large
     shift = (np.abs(np.linalg.inv(inertia)) @ lacking).max(axis=0) / bandwidth**2

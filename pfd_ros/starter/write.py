@@ -80,7 +80,7 @@ def write_package(name: str, arm: Arm, plan: Plan, ros2_control: bool) -> None:
         'arm': arm.robot.name,
         'joints': _yaml(list(joints)),
         'depends': ''.join(f'  <exec_depend>{x}</exec_depend>\n' for x in DEPENDS * ros2_control),
-        'update_rate': round(1 / arm.period),
+        'update_rate': round(1 / (arm.settings.publish_every * arm.settings.step_size)),
         'seconds': f'{plan.duration + 10 / plan.bandwidth.min() + 2:.0f}',
     }
     files = {f'resource/{name}': '', f'{name}/arm.urdf': urdf}

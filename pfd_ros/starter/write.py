@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from importlib.machinery import PathFinder
 import keyword
 from pathlib import Path
 import re
@@ -28,7 +29,8 @@ PACKAGE, GITHUB = 'package', 'github'
 DEFAULT, ALWAYS = Settings(), {'tip_link', 'step_size', 'initial_positions'}
 # Names as of REP 144, which Python can import beside what is there.
 NAME = re.compile(r'[a-z](?:_?[a-z0-9])+', re.ASCII)
-USED = {'pfd_core', 'pfd_ros', 'rclpy', 'sim_arm', *keyword.kwlist, *sys.stdlib_module_names}
+USED = {*keyword.kwlist, *sys.stdlib_module_names, 'pfd_core', 'pfd_ros', 'rclpy', 'sim_arm'}
+USED |= {'build', 'install', 'launch', 'log', 'resource', 'setup', 'test'}  # files beside it
 # Hardware of ros2_control that talks over topics, and a joint of it: see the guide
 # docs/guides/alongside-a-controller.md.
 BLOCK = re.compile(r'\s*<ros2_control\b.*?</ros2_control>', re.DOTALL)
@@ -60,10 +62,11 @@ class Marked(Template):
 
 def check_name(name: str) -> None:
     """Raise ValueError unless a text names a new package of ROS and Python in this folder."""
-    if not NAME.fullmatch(name) or name in USED:
+    others = [folder for folder in sys.path if Path(folder).resolve() != Path.cwd()]
+    if not NAME.fullmatch(name) or name in USED or PathFinder.find_spec(name, others):
         raise ValueError(
             'NAME must be lower-case letters, digits and single underscores, start with a letter '
-            f'and be no module or keyword of Python, got {cut(name)!r}'
+            f'and be no keyword, folder of the package or installed module, got {cut(name)!r}'
         )
     if Path(name).exists():
         raise FileExistsError(f'{name} exists and is not overwritten; choose another NAME')

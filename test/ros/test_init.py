@@ -211,7 +211,10 @@ def test_the_launch_file_starts_arm_and_controller(
     [
         ('Mine', ['--urdf', 'arm.urdf'], "NAME must be .* got 'Mine'"),
         ('my__arm', ['--urdf', 'arm.urdf'], 'NAME must be'),
-        ('json', ['--urdf', 'arm.urdf'], 'module or keyword'),
+        ('json', ['--urdf', 'arm.urdf'], 'installed module'),
+        ('numpy', ['--urdf', 'arm.urdf'], 'installed module'),
+        ('test', ['--urdf', 'arm.urdf'], 'folder of the package'),
+        ('pfd_ros', ['--urdf', 'arm.urdf'], 'installed module'),
         ('../mine', ['--urdf', 'arm.urdf'], 'NAME must be'),
         ('there', ['--urdf', 'arm.urdf'], 'there exists'),
         ('mine', [], 'no arm; name one'),

@@ -197,8 +197,11 @@ def test_words_of_a_refusal_carried_out_load_the_arm_of_the_file(
     assert_same_physics(robot, mended, pfd.locked_joints(mended, **choice))
 
 
-def test_a_tree_of_too_many_joints_to_name_has_the_positions_of_all_that_are_advised() -> None:
-    fingers = [joint(f'f{k}', 'revolute', 'l2', f'tip{k}', f'0 0 {k}') for k in range(20)]
+def test_the_advice_for_a_tree_of_many_joints_can_be_copied() -> None:
+    far = '<limit lower="0.5" upper="1" velocity="3" effort="40"/>'
+    fingers = [
+        joint(f'f{k}', 'revolute', 'l2', f'tip{k}', f'0 0 {k}', extra=far) for k in range(20)
+    ]
     tips = [link(f'tip{k}', 0.1, J=BODY) for k in range(20)]
     text = urdf('hand', *LINKS, TURN, LIFT, LEVEL, *tips, *fingers)
     with pytest.raises(pfd.TreeError, match='tip=') as error:
@@ -206,3 +209,7 @@ def test_a_tree_of_too_many_joints_to_name_has_the_positions_of_all_that_are_adv
     robot = pfd.load_robot(text, locked=error.value.positions)
     assert robot == pfd.load_robot(text, tip=error.value.tip)
     assert_same_physics(robot, text, error.value.positions)
+    cure = re.search(r'locked=({.*?})', str(error.value))
+    assert cure is not None
+    assert ast.literal_eval(cure[1]) == dict.fromkeys(error.value.patterns) == {'f*': None}
+    assert robot == pfd.load_robot(text, locked={'f*': None})

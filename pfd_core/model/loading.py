@@ -21,7 +21,7 @@ import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pfd_core.forking import load
-from pfd_core.model.robot import Robot, lock, locked_positions
+from pfd_core.model.robot import Robot, lock, locked_positions, position_limits
 from pfd_core.model.scene import Scene, scene_from_yaml
 from pfd_core.model.values import quote, quote_all, switch
 from pfd_core.model.yaml_files import is_described, robot_from_yaml
@@ -125,7 +125,7 @@ def load_robot(
     *,
     base: str | None = None,
     tip: str | None = None,
-    locked: Mapping[str, float] | None = None,
+    locked: Mapping[str, float | None] | None = None,
     right_angle: float = RIGHT_ANGLE_SLACK,
     xacro: Mapping[str, object] | None = None,
 ) -> Robot:
@@ -148,7 +148,8 @@ def load_robot(
         (`Robot.followers`), and a warning names them.
     locked : mapping, optional
         Name of a joint, or a pattern such as 'hand_*' -> position [rad, m] at which it becomes a
-        fixed joint, and with it the joints of a URDF that mimic it.
+        fixed joint, and with it the joints of a URDF that mimic it. None: next to 0 within its
+        limits.
     right_angle : float
         Angles of a URDF within this distance [rad] of a multiple of 90 degrees become exact:
         1.570796325 means pi/2, and exact zeros halve the work of a kernel. The robot's
@@ -202,7 +203,7 @@ def locked_joints(
     *,
     base: str | None = None,
     tip: str | None = None,
-    locked: Mapping[str, float] | None = None,
+    locked: Mapping[str, float | None] | None = None,
     xacro: Mapping[str, object] | None = None,
 ) -> dict[str, float]:
     """
@@ -219,7 +220,7 @@ def locked_joints(
         raise ValueError(NO_XACRO.format(quote_all(xacro)))
     if urdf is None:
         robot = load_robot(source, base=base, tip=tip)
-        return locked_positions({} if locked is None else locked, robot.joint_names)
+        return locked_positions({} if locked is None else locked, position_limits(robot))
     given = load('model.urdf_robot.lockable')(urdf, locked)
     return dict(load('model.urdf_robot.find_chain')(urdf, base, tip, given).locked)
 

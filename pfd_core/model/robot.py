@@ -13,7 +13,7 @@ the frame of the tip link. At joint position q_i, the pose of frame i in frame i
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from fnmatch import fnmatchcase
@@ -605,25 +605,24 @@ def with_payload(robot: Robot, payload: Payload) -> Robot:
     return replace(robot, **link_fields(placements, bodies))
 
 
-def lock(robot: Robot, positions: Mapping[str, float]) -> Robot:
+def lock(robot: Robot, positions: Mapping[str, float | None]) -> Robot:
     """
     Return the robot with some joints fixed and the links on either side of them welded.
 
-    `positions` maps names of joints to lock, or patterns such as 'hand_*', to positions [rad, m].
-    ValueError if a joint is unknown, a position is no finite number within the limits, or no
-    joint would move.
+    `positions` maps names of joints to lock, or patterns such as 'hand_*', to positions [rad, m],
+    None for next to 0 within the limits. ValueError if a joint is unknown, a position is no
+    finite number within the limits, or no joint would move.
     """
     check_robot(robot)
-    at = locked_positions(positions, robot.joint_names)
+    limits = position_limits(robot)
+    at = locked_positions(positions, limits)
     for name, position in at.items():
         if name not in robot.joint_names:
             raise ValueError(
                 f'cannot lock {quote(name)}: {quote(robot.name)} has no such joint, only '
                 f'{quote_all(robot.joint_names)}'
             )
-        i = robot.joint_names.index(name)
-        limits = robot.position_lower[i], robot.position_upper[i]
-        check_locked_position(name, position, *map(float, limits))
+        check_locked_position(name, position, *limits[name])
     if len(at) == robot.n:
         raise ValueError(
             f'cannot lock all {robot.n} joints of {quote(robot.name)}; leave at least one free'
@@ -637,30 +636,50 @@ def lock(robot: Robot, positions: Mapping[str, float]) -> Robot:
     return robot
 
 
-def locked_positions(positions: Mapping[str, float], names: Collection[str]) -> dict[str, float]:
+def position_limits(robot: Robot) -> dict[str, tuple[float, float]]:
+    """Return the lower and upper position limit of each joint by name [rad, m]."""
+    ends = zip(robot.position_lower.tolist(), robot.position_upper.tolist(), strict=True)
+    return dict(zip(robot.joint_names, ends, strict=True))
+
+
+def locked_positions(
+    positions: Mapping[str, float | None], limits: Mapping[str, tuple[float, float]]
+) -> dict[str, float]:
     """
     Return the positions [rad, m] of locked joints as floats, by the name of the joint.
 
-    A key that is not in `names` and has *, ? or [ is a pattern, of all names that match it; names
-    have precedence over patterns, and these over later ones. ValueError for one without a match.
+    A key that is not in `limits` and has *, ? or [ is a pattern, of all names that match it; names
+    have precedence over patterns, and these over later ones. None is next to 0 within the limits.
+    ValueError for a pattern without a match.
     """
     if not isinstance(positions, Mapping):
         raise ValueError(f'locked must map names of joints to positions, got {quote(positions)}')
     given = {
-        name: real_number(f'position at which joint {quote(name)} is locked', x, largest=LARGEST)
+        name: x
+        if x is None
+        else real_number(f'position at which joint {quote(name)} is locked', x, largest=LARGEST)
         for name, x in positions.items()
     }
-    patterns = [k for k in given if isinstance(k, str) and k not in names and set(k) & set('*?[')]
+    patterns = [k for k in given if isinstance(k, str) and k not in limits and set(k) & set('*?[')]
     found = {name: x for name, x in given.items() if name not in patterns}
     for pattern in patterns:
-        matched = [name for name in names if fnmatchcase(name, pattern)]
+        matched = [name for name in limits if fnmatchcase(name, pattern)]
         if not matched:
             raise ValueError(
                 f'cannot lock {quote(pattern)}: it matches no joint; joints that can be locked: '
-                f'{quote_all(names)}'
+                f'{quote_all(limits)}'
             )
         found |= {name: given[pattern] for name in matched if name not in found}
-    return found
+    # Without limits a name is unknown, which is for the caller to say.
+    return {
+        name: next_to_zero(*limits.get(name, (0.0, 0.0))) if x is None else x
+        for name, x in found.items()
+    }
+
+
+def next_to_zero(lower: float, upper: float) -> float:
+    """Return the position next to zero [rad, m] between two limits."""
+    return min(max(0.0, lower), upper)
 
 
 def check_locked_position(name: str, position: float, lower: float, upper: float) -> None:

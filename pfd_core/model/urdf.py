@@ -152,6 +152,11 @@ class Joint(NamedTuple):
     equality: str
     place: Place
 
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Lower and upper position limit [rad, m]."""
+        return self.limits.get('lower', -math.inf), self.limits.get('upper', math.inf)
+
 
 @dataclass(frozen=True)
 class Urdf:
@@ -194,21 +199,21 @@ class Urdf:
         """The source, as the start of an error."""
         return Place(self.source, 0)
 
-    def with_followers(self, locked: Mapping[str, float]) -> dict[str, float]:
+    def with_followers(self, locked: Mapping[str, float | None]) -> dict[str, float]:
         """
         Return the positions [rad, m] of locked joints and of the joints that mimic them.
 
         Names may be patterns, as in `load_robot`. A given position has precedence over a mimic,
-        and that over a pattern. ValueError if it is no mapping of names to numbers.
+        and that over a pattern or None. ValueError if it is no mapping of names to numbers.
         """
         movable = {name: j for name, j in self.joints.items() if j.kind in JOINT_TYPES}
         rules = {name: j.mimic for name, j in movable.items() if j.mimic is not None}
-        every = locked_positions(locked, movable)
+        every = locked_positions(locked, {name: j.bounds for name, j in movable.items()})
         # A pattern that matches a joint and its leader is no position of the follower.
         found = {
             name: position
             for name, position in every.items()
-            if name in locked or name not in rules or rules[name].leader not in every
+            if locked.get(name) is not None or name not in rules or rules[name].leader not in every
         }
         while True:
             followers = {

@@ -9,7 +9,7 @@ joint between them are welded, and all is brought to the frames of a Robot.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import takewhile
 import math
 from types import MappingProxyType
@@ -44,6 +44,7 @@ from pfd_core.model.robot import (
     check_locked_position,
     from_stated,
     limits_text,
+    next_to_zero,
 )
 from pfd_core.model.urdf import NOT_A_CHAIN, Inertial, Joint, Mimic, Origin, Urdf
 from pfd_core.model.values import LARGEST, MOST_NAMES, quote, quote_all, real_number
@@ -68,13 +69,21 @@ class TreeError(ValueError):
         The joints that make it the same chain if they are locked.
     positions : mapping
         A position of each of them within its limits, next to zero or as it follows [rad, m].
+    patterns : sequence of str
+        Patterns and names that match these joints and none that moves the tip.
 
     """
 
-    def __init__(self, text: str, tip: str = '', positions: Mapping[str, float] = NOTHING) -> None:
+    def __init__(
+        self,
+        text: str,
+        tip: str = '',
+        positions: Mapping[str, float] = NOTHING,
+        patterns: Iterable[str] = (),
+    ) -> None:
         super().__init__(text)
         self.tip, self.positions = tip, dict(positions)
-        self.joints = tuple(self.positions)
+        self.joints, self.patterns = tuple(self.positions), tuple(patterns)
 
 
 class Chain(NamedTuple):
@@ -98,7 +107,7 @@ def robot_from_urdf(
     *,
     base: str | None,
     tip: str | None,
-    locked: Mapping[str, float] | None,
+    locked: Mapping[str, float | None] | None,
     right_angle: float,
 ) -> Robot:
     """Return the chain between two links of a URDF; arguments, errors, warnings: `load_robot`."""
@@ -177,7 +186,7 @@ def _warn(text: str, calls: int = 3) -> None:
 # The chain.
 
 
-def lockable(urdf: Urdf, locked: Mapping[str, float] | None) -> dict[str, float]:
+def lockable(urdf: Urdf, locked: Mapping[str, float | None] | None) -> dict[str, float]:
     """Return the positions [rad, m] of joints to lock and of joints that mimic these."""
     given = {} if locked is None else locked
     at = urdf.with_followers(given)
@@ -193,7 +202,7 @@ def lockable(urdf: Urdf, locked: Mapping[str, float] | None) -> dict[str, float]
         rule = joint.mimic
         # A follower may be out of its limits where its leader puts it.
         if rule is None or at.get(rule.leader) is None or position != rule.at(at[rule.leader]):
-            check_locked_position(name, position, *_bounds(joint))
+            check_locked_position(name, position, *joint.bounds)
     return at
 
 
@@ -248,14 +257,18 @@ def find_chain(
         # Followers need no advice: they follow.
         follow = {j.name for j in rest if j.mimic and j.mimic.leader in positions}
         positions = {name: x for name, x in positions.items() if name not in follow}
-        all_of_them = ' (TreeError.positions)' if len(positions) > MOST_NAMES else ''
+        others_move = [joint.name for joint in moving if joint not in rest]
+        short = _shortened([*positions], others_move)
+        many = len(positions) > MOST_NAMES
         raise TreeError(
             f'{label} is a tree, not a chain: it ends in joints '
             f'{quote_all(j.name for j in ends)}; choose one end, such as tip={quote(chosen)} (and '
             'a base, if the ends part at a link that should stand still), or lock the others, '
-            f'{_how_to_lock(positions)}' + all_of_them,
+            + _how_to_lock(dict.fromkeys(short) if many else positions)
+            + (f': {len(positions)} joints, next to 0 within their limits' if many else ''),
             chosen,
             positions,
+            short,
         )
     for joint in led:
         _check_kind(urdf, joint, leaders)
@@ -441,7 +454,7 @@ def _check_kind(urdf: Urdf, joint: Joint, leaders: Collection[str]) -> None:
 
 
 def _refuse_unled(joints: list[Joint]) -> None:
-    places = {joint.name: _rest(joint) for joint in joints}
+    places = {joint.name: next_to_zero(*joint.bounds) for joint in joints}
     raise ValueError(
         f'{joints[0].place}: {quote_all(places)} mimic what is no joint that moves: mend '
         f'the <mimic>, or lock them, {_how_to_lock(places)}'
@@ -466,16 +479,6 @@ def _refuse_follower(urdf: Urdf, joint: Joint, leader: str) -> None:
     )
 
 
-def _bounds(joint: Joint) -> tuple[float, float]:
-    return joint.limits.get('lower', -math.inf), joint.limits.get('upper', math.inf)
-
-
-def _rest(joint: Joint) -> float:
-    """Return the position next to zero [rad, m] within the limits of a joint."""
-    lower, upper = _bounds(joint)
-    return min(max(0.0, lower), upper)
-
-
 def _places(
     urdf: Urdf, joints: Iterable[Joint], locked: Mapping[str, float], chain: list[Joint]
 ) -> dict[str, float]:
@@ -497,7 +500,7 @@ def _places(
                 'cannot be locked: make it fixed'
             )
         if joint.mimic is None:
-            at[joint.name] = _rest(joint)
+            at[joint.name] = next_to_zero(*joint.bounds)
             continue
         leader, rule = urdf.joints.get(joint.mimic.leader), _rule(urdf, joint)
         if rule is not None and leader is not None and leader.name in moves:
@@ -511,7 +514,23 @@ def _places(
     return {name: at[name] for name in names}
 
 
-def _how_to_lock(positions: Mapping[str, float]) -> str:
+def _shortened(names: Sequence[str], others: Iterable[str]) -> list[str]:
+    """Return patterns of words that names start with and no other does; these names for none."""
+    found = []
+    for name in names:
+        starts = [name[:k] for k in range(1, len(name)) if name[k - 1] in '_/-']
+        # The first character decides where no word does.
+        for start in (*starts, *(name[:k] for k in range(1, len(name)))):
+            same = sum(known.startswith(start) for known in names)
+            if same > 1 and not any(known.startswith(start) for known in others):
+                found.append(f'{start}*')
+                break
+        else:
+            found.append(name)
+    return [*dict.fromkeys(found)]
+
+
+def _how_to_lock(positions: Mapping[str, float | None]) -> str:
     pairs = [f'{quote(name)}: {x}' for name, x in positions.items()]
     # What is written can be copied, also where it is not all.
     more = f' and so on, {len(pairs)} joints' if len(pairs) > MOST_NAMES else ''
@@ -720,7 +739,7 @@ def _warn_of_degrees(urdf: Urdf) -> None:
 
 def _travel(joint: Joint) -> float:
     """Return the farthest that a joint slides [m], 0 without a limit."""
-    farthest = max(map(abs, _bounds(joint)))
+    farthest = max(map(abs, joint.bounds))
     return farthest if joint.kind == 'prismatic' and math.isfinite(farthest) else 0.0
 
 

@@ -20,8 +20,6 @@ from pfd_ros.arm.frames import LinkFrames
 from pfd_ros.arm.settings import Settings
 from pfd_ros.text import cut, listed
 
-# Joints in the cure for a tree.
-MOST_TO_LOCK = 16
 # Hardware that talks over topics, and the values that its source code has for parameters that
 # the URDF leaves out. Its documentation names another topic of commands.
 TOPIC_HARDWARE = (
@@ -224,10 +222,13 @@ def load_robot(settings: Settings, source: str | pfd.Urdf) -> pfd.Robot:
             locked=settings.locks or None,
         )
     except pfd.TreeError as error:
-        positions = dict([*settings.locks.items(), *error.positions.items()][:MOST_TO_LOCK])
-        written = f'-p tip_link:={error.tip}, or -p locked:=[{",".join(positions)}]'
-        if any(positions.values()):
-            written += f' -p locked_positions:=[{",".join(map(str, positions.values()))}]'
+        names, positions = [*settings.locked, *error.patterns], settings.locked_positions
+        if positions:
+            names = [*settings.locked, *error.joints]
+            positions = (*positions, *error.positions.values())
+        written = f"-p tip_link:={error.tip}, or -p 'locked:=[{','.join(names)}]'"
+        if positions:
+            written += f" -p 'locked_positions:=[{','.join(map(str, positions))}]'"
         raise ValueError(f'{error}; of the node: write {written}') from error
 
 

@@ -200,7 +200,7 @@ class Settings(CommandSettings, PlantSettings, DescriptionSettings, SensorSettin
     joints: tuple[str, ...] = setting((), 'Order of the joints; empty is the order of the model')
     locked: tuple[str, ...] = setting((), 'Joints to weld, or patterns, such as hand_*')
     locked_positions: tuple[float, ...] = setting(
-        (), 'Where they are welded, rad or m; empty: initial_value of <ros2_control>, or 0'
+        (), 'Where they are welded, rad or m; empty: initial_value of <ros2_control>, or next to 0'
     )
     step_size: float = setting(0.001, 'Simulated time per step, s', 1e-5, 0.1)
     substeps: int = setting(2, 'Steps of the integrator per step', 1, 100)
@@ -287,9 +287,9 @@ class Settings(CommandSettings, PlantSettings, DescriptionSettings, SensorSettin
         return json.dumps(dataclasses.asdict(self), sort_keys=True)
 
     @property
-    def locks(self) -> dict[str, float]:
-        """Joint to weld -> position, rad or m."""
-        positions = self.locked_positions or (0.0,) * len(self.locked)
+    def locks(self) -> dict[str, Any]:
+        """Joint to weld -> position, rad or m; None is next to 0 within its limits."""
+        positions = self.locked_positions or (None,) * len(self.locked)
         return dict(zip(self.locked, positions, strict=True))
 
     @property

@@ -266,17 +266,22 @@ def test_the_cure_for_a_tree_locks_joints_within_their_limits() -> None:
     far = '<limit lower="0.5" upper="1" velocity="3" effort="40"/>'
     tree = urdf(
         'tree',
-        *(link('base'), link('a', 1.0, J=BODY), link('b', 1.0, J=BODY), link('c', 1.0, J=BODY)),
+        *(link('base'), *(link(name, 1.0, J=BODY) for name in 'abcd')),
         zoo_joint('turn', 'revolute', 'base', 'a'),
         zoo_joint('left', 'revolute', 'a', 'b', extra=far),
         zoo_joint('right', 'revolute', 'a', 'c', extra=far),
+        zoo_joint('top', 'revolute', 'a', 'd', extra=far),
     )
     with pytest.raises(ValueError, match='is a tree') as refused:
         described_robot(Settings(), tree)
-    cure = '-p locked:=[left,right] -p locked_positions:=[0.5,0.5]'
+    assert str(refused.value).endswith("-p 'locked:=[left,right,top]'")
+    found = described_robot(Settings(locked=('left', 'right', 'top')), tree)
+    assert found.robot.joint_names == ('turn',)
+    assert found.settings.locks == {'left': 0.5, 'right': 0.5, 'top': 0.5}
+    with pytest.raises(ValueError, match='is a tree') as refused:
+        described_robot(Settings(locked=('left',), locked_positions=(0.75,)), tree)
+    cure = "-p 'locked:=[left,right,top]' -p 'locked_positions:=[0.75,0.5,0.5]'"
     assert str(refused.value).endswith(cure)
-    locked = Settings(locked=('left', 'right'), locked_positions=(0.5, 0.5))
-    assert described_robot(locked, tree).robot.joint_names == ('turn',)
 
 
 def test_patterns_and_joints_beyond_the_tip_are_locked_and_published_by_name() -> None:

@@ -36,6 +36,8 @@ To change or add
                             as in node.lifecycle
     frames of the links     arm.frames: /tf of recordings
     a parameter             a field of arm.settings.Settings, a line of config/sim_arm.yaml
+    a vendor's behaviour    a row of arm/conventions.yaml and a test of its name in
+                            test/ros/test_conventions.py
     NaN in a command        arm.commands.named: some keep the last value; if all are NaN, the
                             message is refused quietly as all_nan, which /diagnostics alone counts.
                             arm.commands.array: refused as not_finite

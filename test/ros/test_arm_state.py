@@ -402,9 +402,11 @@ CHANGES: dict[str, st.SearchStrategy[Any]] = {
     'servo_p': st.lists(st.sampled_from((0.0, 9.0, 1e9)), min_size=2, max_size=2),
     'servo_d': st.lists(st.sampled_from((0.0, 2.0, 1e9)), min_size=2, max_size=2),
     'command_timeout': st.sampled_from((0.0, 0.004)),
-    'on_timeout': st.sampled_from(('brake', 'zero', 'hold')),
+    'on_timeout': st.sampled_from(('brake', 'zero', 'hold', 'stop')),
     'drop_commands': st.sampled_from((0.0, 0.5)),
     'reflex_effort_rate': st.sampled_from((0.0, 0.0, 1e4)),
+    'reflex_effort_start': st.booleans(),
+    'reflex_velocity': st.sampled_from((False, False, True)),
     'payload_mass': st.sampled_from((0.0, 1.0)),
     'effort_limits': st.just(True),
 }

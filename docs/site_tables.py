@@ -29,6 +29,7 @@ from pfd_ros.cli.doctor import EXTRAS
 from pfd_ros.cli.main import commands_of, parser
 from pfd_ros.node import endpoints, services
 from pfd_ros.recording import format as recording
+from pfd_ros.testing.written import ASSERTIONS
 
 WIDTH = 92
 QUOTE = '"'
@@ -349,6 +350,15 @@ def _fixtures() -> str:
     return '\n'.join(parts)
 
 
+def _findings() -> str:
+    rows = []
+    for kind, row in ASSERTIONS.items():
+        found = code(row.code.format(kind=kind, joint='JOINT', robot=''))
+        runs = 'the arm runs again' if row.simulated else 'as recorded'
+        rows.append((kind, *((found, runs) if row.code else (f'none: {row.why}', ''))))
+    return table(('finding or symptom', 'assertion', 'motion'), rows)
+
+
 def _testing() -> str:
     return '\n'.join(
         _directive(f'pfd_ros.testing.{name}', getattr(testing, name))
@@ -376,6 +386,7 @@ TABLES = {
     'log': _ros,
     'fixtures': _fixtures,
     'testing': _testing,
+    'findings': _findings,
     'core_map': partial(_map, pfd),
     'ros_map': partial(_map, pfd_ros),
 }

@@ -161,14 +161,13 @@ def _what_if(given: argparse.Namespace, options: dict[str, Any]) -> int:
     if plot:
         check_picture(plot)
     options['rename'] = dict(options.get('rename', ()))
-    named = [name for name in ('controller', 'process') if name in options]
-    if len(named) == 2:
+    if {'controller', 'process'} <= options.keys():
         raise ValueError('--controller and --process are two controllers: give one of them')
-    if named:
-        from pfd_ros.testing.again import callback_loop, process_loop
+    if {'controller', 'process'} & options.keys():
+        from pfd_ros.testing.again import closed_loop
 
-        loops = {'controller': callback_loop, 'process': process_loop}
-        options['drive'] = loops[named[0]](options.pop(named[0]))
+        given_loop = options.pop('controller', ''), options.pop('process', '')
+        options['drive'] = closed_loop(*given_loop)
     with ended_by_signals():  # it removes the cut log of the new run
         found = what_if.what_if(
             given.log, given.what_if, **options, progress=progress_on(sys.stderr)

@@ -38,14 +38,7 @@ from pfd_ros.recording.format import LogError
 from pfd_ros.replay.inputs import Put, Run
 from pfd_ros.replay.what_if import Case, Drive, open_loop, what_if
 from pfd_ros.testing.callback import CallbackLink, Controller
-from pfd_ros.testing.loop import (
-    ArmError,
-    Command,
-    ControllerError,
-    Link,
-    NoAnswerError,
-    run,
-)
+from pfd_ros.testing.loop import ArmError, Command, ControllerError, Link, NoAnswerError, run
 from pfd_ros.testing.patience import PATIENCE_SECONDS, START_PATIENCE_SECONDS
 from pfd_ros.testing.process import ControllerProcess
 from pfd_ros.testing.trajectory import Limits, Trajectory
@@ -81,13 +74,6 @@ class _LoggedArm:
             ):
                 self.alone.add(cycle)
         self.alone -= {*self.commanded}
-
-    def start(self, *, ahead: bool) -> int:
-        """Return the cycle after which the controller begins; `ahead` by a period of a timer."""
-        first = self.commanded[0] if self.commanded else 1
-        period = next((cycle - first for cycle in self.commanded if cycle > first), 0)
-        timed = ahead and period > self.engine.state.first.publish_every
-        return max(0, first - 1 - period * timed)
 
     def step(
         self, commands: Sequence[Command] = (), every: int = 1
@@ -138,28 +124,24 @@ class _LoggedArm:
         return messages, verdicts
 
 
-def callback_loop(controller: Controller | str) -> Drive:
-    """Return what runs the arm of a log with a callback, or with the name module:function of one.
+def closed_loop(controller: Controller | str, process: str = '') -> Drive:
+    """Return what runs the arm of a log with a controller; its error is in the result.
 
-    By name, its module is imported anew for each run, since it may keep a state.
+    The controller is a callback, the name module:function of one, whose module is imported anew
+    for each run, or the command line of a process.
     """
+    words = shlex.split(process)
 
-    def link(case: Case, engine: Engine) -> CallbackLink:
+    def link(case: Case, engine: Engine) -> AbstractContextManager[Link]:
+        if words:
+            return _process(words, case, engine)
         called = named_controller(controller) if isinstance(controller, str) else controller
         return CallbackLink(called, engine.names, PATIENCE_SECONDS)
 
-    return partial(_closed_loop, link, str(controller), False)
+    return partial(_drive, link, process or str(controller), bool(process))
 
 
-def process_loop(command: str) -> Drive:
-    """Return what runs the arm of a log with a node in a process, by its command line."""
-    words = shlex.split(command)
-    if not words:
-        raise ValueError(f'process is {command!r}, expected the command line of a node')
-    return partial(_closed_loop, partial(_process, words), command, True)
-
-
-def _closed_loop(
+def _drive(
     link_of: Callable[[Case, Engine], AbstractContextManager[Link]],
     name: str,
     ahead: bool,
@@ -167,9 +149,12 @@ def _closed_loop(
     engine: Engine,
     put: Put,
 ) -> Run:
-    """Run the arm of a log with a controller; its error is in the result."""
-    arm = _LoggedArm(case, engine, put)
-    found, state, begin = arm.found, engine.state, arm.start(ahead=ahead)
+    arm, state = _LoggedArm(case, engine, put), engine.state
+    found, every = arm.found, state.first.publish_every
+    # A timer of a node commands a period after the node has begun.
+    first = arm.commanded[0] if arm.commanded else 1
+    period = next((cycle - first for cycle in arm.commanded if cycle > first), 0)
+    begin = first - 1 - (period if ahead and period > every else 0)
     try:
         while state.cycle < begin or state.cycle + 1 in arm.alone:
             arm.step()
@@ -186,7 +171,7 @@ def _closed_loop(
         found.failure, found.failed_ns = one_line(error), engine.stamp_ns
         found.error = error
     put(engine.counts(), engine.stamp_ns)
-    answers = sum((cycle - 1) % state.first.publish_every == 0 for cycle in {*arm.commanded})
+    answers = sum((cycle - 1) % every == 0 for cycle in {*arm.commanded})
     found.loop = (
         f'closed: {cut(name, 200)} in lockstep, {found.accepted} commands; the log has '
         f'{len(arm.commanded)}, {answers} of them in the step after a state'
@@ -219,7 +204,7 @@ def named_controller(name: str) -> Controller:
     """Return the controller of module:function, imported anew; ValueError if there is none."""
     module, _, path = name.partition(':')
     if not module or not path:
-        raise ValueError(f'controller must be module:function, got {cut(name)!r}')
+        raise ValueError(f'controller must be module:function or a process, got {cut(name)!r}')
     if os.getcwd() not in sys.path:
         sys.path.insert(0, os.getcwd())
     sys.modules.pop(module, None)
@@ -257,7 +242,7 @@ def replayed(
     if the controller raises, or returns anything but a finite effort for each joint; the errors of
     pfd_ros.replay.what_if otherwise.
     """
-    drive = open_loop if controller is None else callback_loop(controller)
+    drive = open_loop if controller is None else closed_loop(controller)
     found = what_if(log, changes, out=Path(out), drive=drive)
     if found.error is not None:
         raise found.error

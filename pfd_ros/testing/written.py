@@ -54,6 +54,26 @@ ASSERTIONS: dict[str, Row] = {
 }
 
 
+HINTS = (
+    "It replays the recorded inputs; replayed(LOG, run, ['payload.mass=2']) changes the arm.",
+    'It has the controller in the loop: once that is fixed, the test passes.',
+)
+TEST = """# {about}
+# Written by `pfd report log --pytest`, which saw it fail.
+# {hint}
+
+from pathlib import Path
+
+{given}from pfd_ros.testing import {used}
+
+LOG = Path(__file__).resolve().parent / {log!r}
+
+
+def test_{name}({fixture}):
+    {body}
+"""
+
+
 def write_test(run: Recorded, file: Path, controller: str = '', robot: str = '') -> list[str]:
     """Write the first finding as a new pytest, and run it; return lines about it.
 
@@ -70,70 +90,57 @@ def write_test(run: Recorded, file: Path, controller: str = '', robot: str = '')
     if not found:
         raise LogError(f'{log}: nothing went wrong, so there is no finding to test')
     first = found[0]
-    simulated = ASSERTIONS[first.kind].simulated and bool(run.settings)
     joint = f'{first.joint}: ' if first.joint else ''
     said = one_line(f't = {first.time:.3f} s, {first.kind}: {joint}{first.text}')
-    if controller and not simulated:
+    if controller and not (ASSERTIONS[first.kind].simulated and run.settings):
         raise ValueError(f'--controller: no simulation of {log} shows its first finding, {said}')
     if controller:
         named_controller(controller)
     with new_file(file, 'x', encoding='utf-8') as stream:
-        stream.write(_source(run, file, first, said, simulated, controller, robot))
+        stream.write(_source(run, file, first, said, controller, robot))
         stream.flush()
         failure = _failure(file)
         # In a loop, a rejected command ends the run.
         own = first.kind == 'rejected input' and 'RejectedError' in failure
         if not failure.startswith(('assert', 'AssertionError')) and not own:
+            other = '; without --controller it replays the recorded commands' * bool(controller)
             raise ValueError(
                 f'{file} is not written: a test of the first finding, {said}, does not fail by '
-                f'it: {failure or "it passes"}'
+                f'it: {failure or "it passes"}{other}'
             )
     return [f'first: {said}', f'{file} fails today: {failure}', f'python -m pytest {file}']
 
 
 def _source(
-    run: Recorded,
-    file: Path,
-    first: Finding,
-    said: str,
-    simulated: bool,
-    controller: str,
-    robot: str,
+    run: Recorded, file: Path, first: Finding, said: str, controller: str, robot: str
 ) -> str:
     """Return the text of a test; of the log it has reprs, and a comment of one line."""
-
-    def path(target: Path | str) -> str:
-        return f'HERE / {os.path.relpath(Path(target).resolve(), file.parent.resolve())!r}'
-
-    module, _, attribute = controller.partition(':')
-    named = f'str({path(robot)})' if Path(robot).is_file() else repr(robot)
-    more = f', robot={named}' if robot and not simulated else ''
-    code = ASSERTIONS[first.kind].code.format(kind=first.kind, joint=first.joint, robot=more)
+    log, (module, _, attribute) = run.log.path, controller.partition(':')
+    code, _, simulated = ASSERTIONS[first.kind]
+    simulated = simulated and bool(run.settings)
+    named = str(Path(robot).resolve()) if Path(robot).is_file() else robot
+    more = f', robot={named!r}' if robot and not simulated else ''
+    code = code.format(kind=first.kind, joint=first.joint, robot=more)
     if simulated:
         given = f', controller={attribute}' if controller else ''
         body = ["run = tmp_path / 'run.mcap'", f'motion = replayed(LOG, run{given})', code]
         body += ['assert not motion.stopped']
-        hint = f'It runs {controller} in the loop: fix it, and the test passes.'
-        if not controller:
-            hint = "Recorded inputs; replayed(LOG, run, ['payload.mass=2']) changes the arm."
     else:
-        body = [f'motion = recorded(LOG, {first.joint!r}{more})', code]
-        body = body if 'motion.' in code else ['run = LOG', code]
-        hint = 'It reads the log: record the motion again.'
+        begin = (
+            f'motion = recorded(LOG, {first.joint!r}{more})' if 'motion' in code else 'run = LOG'
+        )
+        body = [begin, code]
     used = [name for name in ('findings', 'recorded', 'replayed') if f'{name}(' in str(body)]
-    name = re.sub('[^a-z0-9]+', '_', f'{first.kind} {first.joint}'.lower()).strip('_')
-    lines = [
-        f'# {one_line(run.log.path.name)}: {said}',
-        '# Written by `pfd report log --pytest`, which saw it fail.',
-        f'# {hint}',
-        *('', 'from pathlib import Path', ''),
-        *([f'from {module} import {attribute.partition(".")[0]}', ''] if controller else []),
-        f'from pfd_ros.testing import {", ".join(used)}',
-        *('', 'HERE = Path(__file__).resolve().parent', f'LOG = {path(run.log.path)}', '', ''),
-        f'def test_{name}({"tmp_path" if simulated else ""}):',
-        *(f'    {line}' for line in dict.fromkeys(body)),
-    ]
-    return '\n'.join([*lines, ''])
+    return TEST.format(
+        about=f'{one_line(log.name)}: {said}',
+        hint=HINTS[bool(controller)] if simulated else 'It reads the log: record it again.',
+        given=f'from {module} import {attribute.partition(".")[0]}\n\n' if controller else '',
+        used=', '.join(used),
+        log=os.path.relpath(log.resolve(), file.parent.resolve()),
+        name=re.sub('[^a-z0-9]+', '_', f'{first.kind} {first.joint}'.lower()).strip('_'),
+        fixture='tmp_path' if simulated else '',
+        body='\n    '.join(dict.fromkeys(body)),
+    )
 
 
 def _failure(file: Path) -> str:

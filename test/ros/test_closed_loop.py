@@ -216,7 +216,7 @@ def test_a_controller_that_fails_is_named_and_its_run_is_recorded_up_to_there(
 @pytest.mark.parametrize(
     ('words', 'status', 'message'),
     [
-        ('--what-if --controller laws', 1, "controller must be module:function, got 'laws'"),
+        ('--what-if --controller laws', 1, "must be module:function or a process, got 'laws'"),
         ('--what-if --controller laws:', 1, 'must be module:function'),
         ('--what-if --controller laws:pid', 1, "module 'laws' has no attribute 'pid'"),
         ('--what-if --controller laws:GOAL', 1, r'is array\(.* expected a function'),
@@ -232,7 +232,7 @@ def test_a_controller_that_fails_is_named_and_its_run_is_recorded_up_to_there(
         ),
         ('--what-if --controller wrong:pd', 1, 'SyntaxError: .*line 1'),
         ('--what-if --controller laws:pd --process x', 1, 'give one of them'),
-        ('--what-if --process=', 1, "process is '', expected the command line"),
+        ('--what-if --process=', 1, "must be module:function or a process, got ''"),
         ('--what-if --process "x', 1, 'No closing quotation'),
         ('--controller laws:pd', 2, '--controller requires --what-if'),
         ('--verify --process x', 2, '--process requires --what-if'),

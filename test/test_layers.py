@@ -489,6 +489,7 @@ def test_an_installation_holds_code_robots_parameters_and_the_ament_marker(
         'pfd_core/config/robots/puma560.yaml',
         'pfd_core/config/sim_arm.yaml',
         'pfd_ros/node/main.py',
+        'pfd_ros/arm/conventions.yaml',
         'pfd_ros/testing/loopback.xml',
         *(str(path.relative_to(ROOT)) for path in TEMPLATES.rglob('*.in')),
         *(f'pfd_ros/page/assets/{path.name}' for path in (ROOT / 'pfd_ros/page/assets').iterdir()),

@@ -257,7 +257,7 @@ def test_every_command_of_the_guide_works_as_printed(
         'PYTHONPATH': f'{site}:{env["PYTHONPATH"]}',
         'PYTEST_ADDOPTS': '-p no:cacheprovider',
     }
-    outputs = []
+    outputs = {}
     for name, body in MINUTES_COMMANDS:
         if name == 'terminal 1':
             arm = processes.python('-m', 'pfd_ros.cli.main', *shlex.split(body)[1:])
@@ -277,19 +277,23 @@ def test_every_command_of_the_guide_works_as_printed(
                 check=False,
             )
             assert (done.returncode == 0) == (name != 'fails'), done.stdout + done.stderr
-            outputs.append(done.stdout)
-    assert (folder / 'arm_0.html').exists()
+            outputs[body.splitlines()[-1]] = done.stdout
+    assert (folder / 'pfd_demo' / 'arm_0.html').exists()
     assert (folder / 'run.html').exists()
-    assert '1 passed' in outputs[3]
-    assert 'shoulder: rests' in outputs[4]
-    assert re.search(r'^page +/', outputs[4], re.MULTILINE)
-    assert 'every bit equal' in outputs[5]
-    assert '8 passed' in outputs[-1]
+    assert '1 passed' in outputs['pytest test_law.py']
+    loaded = outputs['pytest test_loaded.py']
+    assert 'shoulder: rests' in loaded
+    assert re.search(r'^page +/', loaded, re.MULTILINE)
+    assert 'every bit equal' in outputs['pfd report log run.mcap']
+    assert '8 passed' in outputs['pytest']
 
 
 def wait_for_commands(recording: Path) -> None:
     """Return once the arm has recorded commands."""
-    wait_until(
-        lambda: recording.exists() and len(read_log(recording)['/joint_commands']) >= 100,
-        pause=0.5,
-    )
+
+    def recorded() -> bool:
+        # Its channels may not be written yet.
+        log = read_log(recording) if recording.exists() else {}
+        return '/joint_commands' in log and len(log['/joint_commands']) >= 100
+
+    wait_until(recorded, pause=0.5)

@@ -37,7 +37,7 @@ class Method:
     # `tolerance`.
     iterative: bool = False
     payload: bool = False  # whether it takes numbers of a plant as inputs
-    followers: bool = False  # whether it takes joints that move with others
+    followers: bool = True  # of a serial one, whether it takes joints that move with others
     compiled: bool = True  # whether kernels offer it; the others are emulated and counted only
 
     @property
@@ -54,34 +54,25 @@ class Method:
 
 _ROWS = (
     Method(
-        'walker_orin_1',
-        "Walker and Orin's method 1",
-        'dynamics.composite.record_walker_orin_1',
-        followers=True,
+        'walker_orin_1', "Walker and Orin's method 1", 'dynamics.composite.record_walker_orin_1'
     ),
     Method(
-        'walker_orin_2',
-        "Walker and Orin's method 2",
-        'dynamics.composite.record_walker_orin_2',
-        followers=True,
+        'walker_orin_2', "Walker and Orin's method 2", 'dynamics.composite.record_walker_orin_2'
     ),
     Method(
-        'walker_orin_3',
-        "Walker and Orin's method 3",
-        'dynamics.composite.record_walker_orin_3',
-        followers=True,
+        'walker_orin_3', "Walker and Orin's method 3", 'dynamics.composite.record_walker_orin_3'
     ),
     Method(
         'walker_orin_4',
         "Walker and Orin's method 4",
         'dynamics.conjugate.record_walker_orin_4',
         iterative=True,
-        followers=True,
     ),
     Method(
         'articulated_body',
         "Featherstone's articulated-body method",
         'dynamics.articulated.record_articulated_body',
+        followers=False,
     ),
     Method('pcrbm', 'Parallel composite rigid bodies', 'paper.composite.record_pcrbm'),
     Method(
@@ -117,13 +108,13 @@ _ROWS = (
         'Composite bodies with grouped parameters, for kernels',
         'dynamics.composite.record_composite_body',
         payload=True,
-        followers=True,
     ),
     Method(
         'grouped_articulated_body',
         'Articulated bodies with grouped parameters, for kernels',
         'dynamics.articulated.record_grouped_articulated_body',
         payload=True,
+        followers=False,
     ),
     Method(
         'pcrbm_1987',
@@ -178,8 +169,8 @@ def check_payload(plant: Plant, method: str) -> None:
 
 def check_followers(plant: Plant, method: str) -> None:
     """Raise ValueError for a robot with followers and a method that takes none."""
-    if plant.robot.followers and not FORWARD[method].followers:
-        taken = tuple(row.name for row in _ROWS if row.followers)
+    taken = tuple(row.name for row in _ROWS if row.serial and row.followers)
+    if plant.robot.followers and method not in taken:
         raise ValueError(
             f'{quote(plant.robot.followers[0].name)} of {quote(plant.robot.name)} follows another '
             f'joint, which needs one of the methods {taken}, got {method!r}'

@@ -90,10 +90,10 @@ def _first(plant: Plant, use: str) -> str:
     """Return the first method within its limit, cheapest first, or ''."""
     n, methods = plant.robot.n, list(LIMITS[use])
     if plant.robot.followers:
-        refines = use in ('forward_dynamics', 'derivatives')
-        limit = LIMITS[use][FEW_JOINTS] if refines else math.inf
-        kept = refines and roundings(plant, FEW_JOINTS, use == 'derivatives') > limit
-        return '' if kept else FEW_JOINTS
+        # No other method is to choose from, so that only an answer can be refined.
+        inverse, limit = use == 'derivatives', LIMITS[use][FEW_JOINTS]
+        refined = inverse or use == 'forward_dynamics'
+        return '' if refined and roundings(plant, FEW_JOINTS, inverse) > limit else FEW_JOINTS
     if n >= LONG:
         return '' if use == 'forward_dynamics' else MANY_JOINTS
     if use == 'forward_dynamics' and (plant.brakes or plant.inertia is not None):

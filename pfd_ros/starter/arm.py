@@ -76,8 +76,9 @@ def arm_of(source: str | None, log: Path | None, tip: str, rename: Mapping[str, 
         text, label = _described(arrays), name
     found, notes = _chain(settings, parsed_urdf(text, f'the model of {label}'))
     robot, settings = found.robot, found.settings
+    guess = [float(f'{x:.6g}') for x in pfd.estimated_armature(robot)]
     numbers = {
-        'armature': np.array([float(f'{x:.6g}') for x in pfd.estimated_armature(robot)]),
+        'armature': np.where(robot.armature > 0, robot.armature, guess),
         'damping': robot.damping,
         'friction': robot.friction,
     }

@@ -91,7 +91,9 @@ def plan_of(arm: Arm) -> Plan:
     inertia = pfd.compile_kernel(robot, quantity='inertia_matrix', scene=scene)(path)
     largest = np.diagonal(inertia, axis1=1, axis2=2).max(axis=0)
     if np.linalg.eigvalsh(inertia)[:, 0].min() < LEAST_INERTIA * largest.max():
-        raise _refusal(robot, 1.0 / largest, 'moves next to no inertia: add a mass or a rotor')
+        raise _refusal(
+            robot, 1.0 / largest, 'moves next to no inertia: a mass or a rotor is missing'
+        )
     large = np.minimum(np.array(LARGE_ERROR)[slides], FREE_SHARE * width)
     bandwidth = np.sqrt(FEEDBACK_SHARE * robot.effort_limit / (largest * large))
     period = arm.settings.publish_every * arm.settings.step_size
@@ -101,7 +103,7 @@ def plan_of(arm: Arm) -> Plan:
     shift = (np.abs(np.linalg.inv(inertia)) @ lacking).max(axis=0) / bandwidth**2
     if (shift[free > 0] > free[free > 0]).any():
         text = 'would reach its limits: friction and the loads of the tests shift it by {:.3g} of '
-        raise _refusal(robot, shift / width, f'{text}its range; make it fixed')
+        raise _refusal(robot, shift / width, f'{text}its range, so make it fixed')
     return Plan(start, end, duration, bandwidth, reason)
 
 
@@ -109,8 +111,8 @@ def _refusal(robot: pfd.Robot, shares: NDArray[Any], text: str) -> ValueError:
     """Return the error about the joint with the largest share."""
     joint = cut(robot.joint_names[int(np.argmax(shares))])
     return ValueError(
-        f'joint {joint!r} {text.format(shares.max())}; or correct its limits and friction, or the '
-        'masses, in the model'
+        f'joint {joint!r} {text.format(shares.max())}; correct its limits, friction or masses in '
+        'the model'
     )
 
 

@@ -741,6 +741,10 @@ def test_a_file_is_read_in_the_encoding_that_it_declares(
     path = tmp_path / 'arm.urdf'
     path.write_bytes(DECLARED.format(encoding, word).encode(encoding))
     assert pfd.load_robot(path) == pfd.load_robot(ODD_ARM)
+    # xacro itself reads files in the encoding of the locale.
+    macros = tmp_path / 'arm.urdf.xacro'
+    macros.write_bytes(path.read_bytes())
+    assert pfd.load_robot(macros) == pfd.load_robot(ODD_ARM)
     # The text is published, and written by others in UTF-8.
     text = pfd.urdf_of(path)
     assert word in text

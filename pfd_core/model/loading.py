@@ -353,7 +353,7 @@ def _text(noun: str, path: Path) -> str:
     """Return the text of a file; ValueError as for `_content`, and for bytes that are no text."""
     content = _content(noun, path)
     try:
-        return _decoded(content)
+        return decoded(content)
     except (UnicodeDecodeError, LookupError) as error:
         # An unknown encoding is declared in the first line.
         at = error.start if isinstance(error, UnicodeDecodeError) else 0
@@ -361,7 +361,7 @@ def _text(noun: str, path: Path) -> str:
         raise ValueError(f'cannot read {quote(str(path))}, line {line}: {error}') from error
 
 
-def _decoded(content: bytes) -> str:
+def decoded(content: bytes) -> str:
     """
     Return the text of bytes: by their byte order mark, the declaration of an XML, or UTF-8.
 

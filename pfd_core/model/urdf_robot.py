@@ -66,7 +66,8 @@ class TreeError(ValueError):
     tip : str
         The end of the longest chain of joints without mimic; as `tip` it makes it a chain.
     joints : sequence of str
-        The joints that make it the same chain if they are locked.
+        The joints that make it the same chain if they are locked. Its tip is then the link that
+        the last joint moves, and not one that is fixed to that, as `tip` may be.
     positions : mapping
         A position of each of them within its limits, next to zero or as it follows [rad, m].
     patterns : sequence of str

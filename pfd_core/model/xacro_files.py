@@ -4,13 +4,15 @@
 The URDF of a xacro file, by the package xacro.
 
 In the process that expands a file, `$(find NAME)` asks this project for the folder of a package,
-since the index that xacro asks exists only where ROS is installed.
+since the index that xacro asks exists only where ROS is installed. Files have the encoding that
+they declare, whatever the locale is.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib import import_module
+import io
 import json
 from pathlib import Path
 import sys
@@ -101,6 +103,8 @@ def answer(path: str, given: str) -> None:
     """Expand a file in this process, which ends after it, and write the result as JSON."""
     xacro: Any = import_module('xacro')
     no_value: Any = import_module('xacro.substitution_args').ArgException
+    decoded: Any = import_module('pfd_core.model.loading').decoded
+    xacro.open = lambda name: io.StringIO(decoded(Path(name).read_bytes()))
 
     def find(name: str) -> str:
         # Files that are being read, the innermost first, then all others that were included.

@@ -310,23 +310,29 @@ def test_limits_and_losses_of_a_follower_become_those_of_its_leader() -> None:
     assert (robot.damping[1], robot.friction[1]) == (2.0, 0.5)
 
 
+def test_limits_that_exclude_each_other_are_refused_by_both_names() -> None:
+    text = PALLETISER.replace('lower="-2" upper="2.5" velocity="3" effort="40"/><mimic', LIMITED)
+    with pytest.raises(ValueError, match="'level' mimics 'lift', and no position is within"):
+        pfd.load_robot(text)
+
+
 @pytest.mark.parametrize(
-    ('text', 'tip', 'message'),
+    ('text', 'choice', 'follower', 'argument'),
     [
-        (GRIPPER, 'right', "'right_finger' mimics 'left_finger', which is not on .*tip='left'"),
-        (
-            PALLETISER.replace('lower="-2" upper="2.5" velocity="3" effort="40"/><mimic', LIMITED),
-            'l3',
-            "'level' mimics 'lift', and no position is within the limits of both",
-        ),
+        (GRIPPER, {'tip': 'right'}, 'right_finger', 'tip'),
+        (PALLETISER, {'base': 'l1'}, 'level', 'base'),
     ],
-    ids=['another branch', 'limits'],
+    ids=['leader on another branch', 'leader above the base'],
 )
-def test_a_follower_that_cannot_be_simulated_is_refused_with_a_remedy(
-    text: str, tip: str, message: str
+def test_the_chain_that_a_refusal_advises_has_the_leader(
+    text: str, choice: dict[str, str], follower: str, argument: str
 ) -> None:
-    with pytest.raises(ValueError, match=message):
-        pfd.load_robot(text, tip=tip)
+    with pytest.raises(ValueError, match=f"'{follower}' mimics .*not on the chain") as error:
+        pfd.load_robot(text, **choice)  # type: ignore[arg-type]
+    written = re.search(rf"{argument}='(\w+)'", str(error.value))
+    assert written is not None
+    robot = pfd.load_robot(text, **{**choice, argument: written[1]})  # type: ignore[arg-type]
+    assert follower in {led.name for led in robot.followers}
 
 
 @pytest.mark.parametrize(('name', 'tip'), [('palletiser', 'l3'), ('bars', 'flange')])

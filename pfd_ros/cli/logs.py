@@ -161,13 +161,13 @@ def _what_if(given: argparse.Namespace, options: dict[str, Any]) -> int:
     if plot:
         check_picture(plot)
     options['rename'] = dict(options.get('rename', ()))
-    if {'controller', 'process'} <= options.keys():
+    loop = {name: options.pop(name) for name in ('controller', 'process') if name in options}
+    if len(loop) > 1:
         raise ValueError('--controller and --process are two controllers: give one of them')
-    if {'controller', 'process'} & options.keys():
+    if loop:
         from pfd_ros.testing.again import closed_loop
 
-        given_loop = options.pop('controller', ''), options.pop('process', '')
-        options['drive'] = closed_loop(*given_loop)
+        options['drive'] = closed_loop(**loop)
     with ended_by_signals():  # it removes the cut log of the new run
         found = what_if.what_if(
             given.log, given.what_if, **options, progress=progress_on(sys.stderr)
@@ -178,20 +178,13 @@ def _what_if(given: argparse.Namespace, options: dict[str, Any]) -> int:
         print_lines(what_if.lines(found))
     _plot(found.curves, (found.source, found.log), plot)
     if found.error is not None:
-        _print_error(found.error)
+        # What the controller raised, by its own frames; of a process, the end of its output.
+        cause = found.error.__cause__
+        frames = cause.__traceback__.tb_next if cause and cause.__traceback__ else None
+        lines = traceback.format_exception(cause.with_traceback(frames)) if cause else []
+        for line in (''.join(lines) or str(found.error)).splitlines():
+            print(one_line(line), file=sys.stderr)
     return status_of(given, found.problems) or int(found.error is not None)
-
-
-def _print_error(error: Exception) -> None:
-    """Print what a controller raised, with its own frames; of a process, the end of its output."""
-    cause = error.__cause__
-    if cause is not None and cause.__traceback__ is not None:
-        frames = cause.__traceback__.tb_next
-        lines = traceback.format_exception(type(cause), cause, frames)
-    else:
-        lines = [str(error)]
-    for line in ''.join(lines).splitlines():
-        print(one_line(line), file=sys.stderr)
 
 
 def _publish(given: argparse.Namespace, options: dict[str, Any]) -> int:
@@ -212,7 +205,7 @@ def _print_json(found: dict[str, Any]) -> None:
 def _plot(found: Curves, names: tuple[Path, Path], picture: Path | None) -> None:
     from pfd_ros.replay.plots import plot_curves
 
-    if picture:
+    if picture and found:  # of a controller without a command there are none
         plot_curves(found, (str(names[0]), str(names[1])), picture)
 
 

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -116,14 +116,9 @@ def offset(error: Array) -> float | None:
     return mean if np.ptp(tail) < STEADY * abs(mean) else None
 
 
-def symptoms(*columns: Array, **given: Any) -> str:
-    """Return the diagnosis of one joint, as `diagnosis` takes it, on one line."""
-    return text_of(diagnosis(*columns, **given))
-
-
-def text_of(found: Mapping[str, str]) -> str:
-    """Return a diagnosis on one line."""
-    return '; '.join(found.values()) or 'no oscillation, no limit reached'
+def text_of(found: Mapping[str, str], *, limited: bool = True) -> str:
+    """Return a diagnosis on one line, for a joint with known limits or without."""
+    return '; '.join(found.values()) or 'no oscillation' + ', no limit reached' * limited
 
 
 def diagnosis(

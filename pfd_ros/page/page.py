@@ -135,6 +135,7 @@ def _page(run: Recorded, marks: Sequence[Moment | Reference]) -> Page:
     ):
         if holds:
             run.notes[note] = None
+    joints, limited = _symptoms(run, first, references), run.robot is not None
     cards = [
         _headline(said, severity, None if run.unreadable else first, made, lacking),
         *(
@@ -144,7 +145,9 @@ def _page(run: Recorded, marks: Sequence[Moment | Reference]) -> Page:
         ),
         _story(found),
         _table('Summary', _facts(run)),
-        _list('Motion of each joint', _diagnosis(run, first, references)),
+        _list(
+            'Motion of each joint', (f'{x}: {text_of(y, limited=limited)}' for x, _, y in joints)
+        ),
         _list('On this log', run.notes),
         _table('Settings that differ from the defaults', _settings(run)),
     ]
@@ -272,16 +275,6 @@ def _settings(run: Recorded) -> Iterator[tuple[str, str]]:
     changed = {name: x for name, x in run.settings.items() if x != defaults.get(name)}
     for name, value in by_parameter(changed).items():
         yield name, ', '.join(map(str, value)) if isinstance(value, list) else str(value)
-
-
-def _diagnosis(
-    run: Recorded, first: Finding | None, references: Sequence[Reference]
-) -> Iterator[str]:
-    """Yield a line for each joint, on its motion around what went wrong first."""
-    for name, _, found in _symptoms(run, first, references):
-        text = text_of(found)
-        text = text if run.robot is not None else text.removesuffix(', no limit reached')
-        yield f'{name}: {text}'
 
 
 def _symptoms(

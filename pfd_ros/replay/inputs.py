@@ -61,7 +61,7 @@ class Run:
     `accepted` counts commands; `rejected` counts, by result, inputs that were accepted before and
     are not, or the other way, and `first_rejected` is a line about the first of them. `failure`
     says why the simulation first failed, after the stamp `failed_ns`, or with `error` why its
-    controller did. `loop` states where the commands came from, `notes` why another run may differ.
+    controller did. `loop` states where the commands came from.
     """
 
     accepted: int = 0
@@ -71,7 +71,6 @@ class Run:
     failed_ns: int = 0
     error: Exception | None = None
     loop: str = OPEN_LOOP
-    notes: list[str] = field(default_factory=list)
 
     def count(self, role: str, verdict: Verdict, cycle: int, broke: str = '') -> None:
         """Count an input that a cycle takes, by its result, and that of the log in `broke`."""

@@ -89,9 +89,8 @@ class WhatIf:
     failure: str
     failed_at: float | None
     error: Exception | None = field(repr=False, compare=False)
-    # Where the commands came from, and why another run may differ.
+    # Where the commands came from.
     loop: str
-    notes: tuple[str, ...]
     # Inputs with another result than in the recording, and rejected commands of a bag, by result.
     rejected: Mapping[str, int]
     first_rejected: str
@@ -139,11 +138,6 @@ class Case(NamedTuple):
 Drive: TypeAlias = Callable[[Case, Engine, Put], Run]
 
 
-def open_loop(case: Case, engine: Engine, put: Put) -> Run:
-    """Run an arm under all inputs of its log, the commands among them."""
-    return run_inputs(case.inputs(engine), engine, put)
-
-
 def what_if(
     path: Path | str,
     changes: Sequence[str] = (),
@@ -155,7 +149,7 @@ def what_if(
     thresholds: Sequence[float] = THRESHOLDS,
     rounding: bool = False,
     progress: Callable[[float], None] | None = None,
-    drive: Drive = open_loop,
+    drive: Drive | None = None,
 ) -> WhatIf:
     """Simulate the inputs of a log with a changed arm, and compare the motions.
 
@@ -176,7 +170,7 @@ def what_if(
     progress
         Called with the finished share, 0 to 1.
     drive
-        Runs the changed arm: `open_loop`, or a loop of pfd_ros.testing.again.
+        Runs the changed arm with a controller, see pfd_ros.testing.again.
 
     ValueError if a setting is invalid, or the log (LogError) is damaged, no recording of this
     edition, or has no joint of the arm; no log is written then. If the new run has nothing to
@@ -212,7 +206,9 @@ def what_if(
             )
         # A reset may let the new run go on.
         until = np.inf if failed_at is None else failed_at
-        curves = _curves(case.old, new, until)
+        # Without a command of the controller there is nothing to say of it.
+        silent = run.error is not None and not run.accepted
+        curves = {} if silent else _curves(case.old, new, until)
         alone = _curves(new, _rounded_states(case, engine, drive), until) if rounding else {}
     own = {*engine.names, *engine.locked}
     return WhatIf(
@@ -232,7 +228,6 @@ def what_if(
         failed_at=failed_at,
         error=run.error,
         loop=run.loop,
-        notes=tuple(run.notes),
         rejected=dict(run.rejected),
         first_rejected=run.first_rejected,
         replaced=_replaced(engine, read),
@@ -286,7 +281,7 @@ def _stamps_ns(states: TopicArrays) -> NDArray[np.int64]:
     return states.stamp_ns
 
 
-def _rounded_states(case: Case, engine: Engine, drive: Drive) -> _States:
+def _rounded_states(case: Case, engine: Engine, drive: Drive | None) -> _States:
     """Return the states of the rounding run."""
     first = engine.state.first
     start = one_bit(np.array(first.initial_positions or (0.0,) * case.robot.n))
@@ -376,7 +371,7 @@ def _recorded_run(
     engine: Engine,
     target: Path,
     progress: Callable[[float], None] | None,
-    drive: Drive,
+    drive: Drive | None,
 ) -> Run:
     """Run an arm under the inputs of the log, and record it; without a result no file is left."""
     topics = topic_names(engine.roles, case.topics)
@@ -398,9 +393,9 @@ def _recorded_run(
     try:
         if engine.frames is not None:
             put(engine.frames.opening(engine.stamp_ns), engine.stamp_ns)
-        found = drive(case, engine, put)
-        if case.bag is not None and not found.error:
-            case.bag.check(found)
+        run = drive(case, engine, put) if drive else run_inputs(case.inputs(engine), engine, put)
+        if case.bag is not None and not run.error:
+            case.bag.check(run)
         recorder.close(totals_of(engine))
         if recorder.error:
             raise OSError(recorder.error)
@@ -410,7 +405,7 @@ def _recorded_run(
         if not recorder.error:
             os.unlink(target)
         raise
-    return found
+    return run
 
 
 def as_json(found: WhatIf) -> dict[str, Any]:
@@ -434,13 +429,13 @@ def lines(found: WhatIf) -> list[str]:
         f'new run    {found.log}, {found.seconds:.3f} s, compared with {found.states} states',
     ]
     rows.append(f'loop       {found.loop}')
-    rows += [f'note       {note}' for note in found.notes]
     if found.times:
         rows.append(f'times      {found.times} of the messages; states of {found.states_topic}')
     if found.failed_at is not None:
+        who = 'simulation' if found.error is None else 'controller'
+        until = 'compared up to there' if found.divergences else 'nothing is compared'
         rows.append(
-            f'FAILED     {"controller" if found.error else "simulation"} stopped at '
-            f'{found.failed_at:.6f} s: {found.failure}; nothing is compared from there on'
+            f'FAILED     {who} stopped at {found.failed_at:.6f} s, {until}: {found.failure}'
         )
     if found.rejected:
         counts = ', '.join(f'{count} {name}' for name, count in sorted(found.rejected.items()))
@@ -457,6 +452,8 @@ def lines(found: WhatIf) -> list[str]:
     rows += [f'unread     {problem}' for problem in found.problems]
     if not found.complete:
         rows.append('cut off    the log was not closed; compared up to the cut')
+    if not found.divergences:
+        return rows
     rows.append(
         f'diverged   beyond {position:g} rad or m, {velocity:g} rad/s or m/s, {effort:g} N m or '
         'N; times in s after the start'

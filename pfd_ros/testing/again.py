@@ -14,10 +14,9 @@ cycle that sets the arm and has no command is that of a test between two runs: n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
-from functools import partial
 import importlib
 from operator import attrgetter
 import os
@@ -36,7 +35,7 @@ from pfd_ros.page.recorded import Recorded
 from pfd_ros.recording.arrays import read_log
 from pfd_ros.recording.format import LogError
 from pfd_ros.replay.inputs import Put, Run
-from pfd_ros.replay.what_if import Case, Drive, open_loop, what_if
+from pfd_ros.replay.what_if import Case, Drive, what_if
 from pfd_ros.testing.callback import CallbackLink, Controller
 from pfd_ros.testing.loop import ArmError, Command, ControllerError, Link, NoAnswerError, run
 from pfd_ros.testing.patience import PATIENCE_SECONDS, START_PATIENCE_SECONDS
@@ -124,7 +123,7 @@ class _LoggedArm:
         return messages, verdicts
 
 
-def closed_loop(controller: Controller | str, process: str = '') -> Drive:
+def closed_loop(controller: Controller | str = '', process: str = '') -> Drive:
     """Return what runs the arm of a log with a controller; its error is in the result.
 
     The controller is a callback, the name module:function of one, whose module is imported anew
@@ -132,51 +131,44 @@ def closed_loop(controller: Controller | str, process: str = '') -> Drive:
     """
     words = shlex.split(process)
 
-    def link(case: Case, engine: Engine) -> AbstractContextManager[Link]:
+    def link_of(case: Case, engine: Engine) -> AbstractContextManager[Link]:
         if words:
             return _process(words, case, engine)
         called = named_controller(controller) if isinstance(controller, str) else controller
         return CallbackLink(called, engine.names, PATIENCE_SECONDS)
 
-    return partial(_drive, link, process or str(controller), bool(process))
+    def drive(case: Case, engine: Engine, put: Put) -> Run:
+        arm, state, notes = _LoggedArm(case, engine, put), engine.state, list[str]()
+        found, every = arm.found, state.first.publish_every
+        # A timer of a node commands a period after the node has begun.
+        first = arm.commanded[0] if arm.commanded else 1
+        period = next((cycle - first for cycle in arm.commanded if cycle > first), 0)
+        begin = first - 1 - (period if words and period > every else 0)
+        try:
+            while state.cycle < begin or state.cycle + 1 in arm.alone:
+                arm.step()
+            # The log ends the run; cycles that set the arm are less than a period.
+            left = (arm.last - state.cycle) * state.first.step_ns / NANOSECONDS
+            with link_of(case, engine) as link:
+                notes = link.notes
+                run(arm, link, left + (len(arm.alone) + 1) * arm.period, arm.rejected)
+        except _OverError:
+            pass
+        except ArmError as error:
+            found.failure, found.failed_ns = str(error), engine.stamp_ns
+        except (ControllerError, NoAnswerError) as error:
+            found.failure, found.failed_ns = one_line(error), engine.stamp_ns
+            found.error = error
+        put(engine.counts(), engine.stamp_ns)
+        answers = sum((cycle - 1) % every == 0 for cycle in {*arm.commanded})
+        found.loop = (
+            f'closed: {cut(process or str(controller), 200)} in lockstep, {found.accepted} '
+            f'commands; the log has {len(arm.commanded)}, {answers} of them in the step after a '
+            f'state{"".join(f"; {note}" for note in notes)}'
+        )
+        return found
 
-
-def _drive(
-    link_of: Callable[[Case, Engine], AbstractContextManager[Link]],
-    name: str,
-    ahead: bool,
-    case: Case,
-    engine: Engine,
-    put: Put,
-) -> Run:
-    arm, state = _LoggedArm(case, engine, put), engine.state
-    found, every = arm.found, state.first.publish_every
-    # A timer of a node commands a period after the node has begun.
-    first = arm.commanded[0] if arm.commanded else 1
-    period = next((cycle - first for cycle in arm.commanded if cycle > first), 0)
-    begin = first - 1 - (period if ahead and period > every else 0)
-    try:
-        while state.cycle < begin or state.cycle + 1 in arm.alone:
-            arm.step()
-        # The log ends the run; cycles that set the arm are less than a period.
-        left = (arm.last - state.cycle) * state.first.step_ns / NANOSECONDS
-        with link_of(case, engine) as link:
-            found.notes = link.notes
-            run(arm, link, left + (len(arm.alone) + 1) * arm.period, arm.rejected)
-    except _OverError:
-        pass
-    except ArmError as error:
-        found.failure, found.failed_ns = str(error), engine.stamp_ns
-    except (ControllerError, NoAnswerError) as error:
-        found.failure, found.failed_ns = one_line(error), engine.stamp_ns
-        found.error = error
-    put(engine.counts(), engine.stamp_ns)
-    answers = sum((cycle - 1) % every == 0 for cycle in {*arm.commanded})
-    found.loop = (
-        f'closed: {cut(name, 200)} in lockstep, {found.accepted} commands; the log has '
-        f'{len(arm.commanded)}, {answers} of them in the step after a state'
-    )
-    return found
+    return drive
 
 
 @contextmanager
@@ -225,24 +217,14 @@ def replayed(
     *,
     controller: Controller | None = None,
 ) -> Trajectory:
-    """Run the arm of a recording again, with its inputs; return the new motion.
+    """Run the arm of a recording again, record it in a new file, and return the new motion.
 
-    Parameters
-    ----------
-    log
-        A recording of the node or of a test.
-    out
-        The recording of the new run, a new file.
-    changes
-        Settings of the arm that differ, as `pfd replay --what-if` takes them: 'payload.mass=2'.
-    controller
-        Computes the commands in place of the recorded ones, controller(t, q, qd) -> tau.
-
-    If the simulation fails, the motion ends there, and `motion.stopped` says why. ControllerError
-    if the controller raises, or returns anything but a finite effort for each joint; the errors of
-    pfd_ros.replay.what_if otherwise.
+    `changes` are settings that differ, as `pfd replay --what-if` takes them: 'payload.mass=2'. A
+    controller(t, q, qd) -> tau computes the commands in place of the recorded ones. If the
+    simulation fails, the motion ends there, and `motion.stopped` says why. Errors are those of
+    the controller, as in LockstepArm.run, and of pfd_ros.replay.what_if.
     """
-    drive = open_loop if controller is None else closed_loop(controller)
+    drive = None if controller is None else closed_loop(controller)
     found = what_if(log, changes, out=Path(out), drive=drive)
     if found.error is not None:
         raise found.error

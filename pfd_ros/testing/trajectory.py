@@ -16,7 +16,7 @@ import pfd_core as pfd
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.motion import metrics
 from pfd_ros.motion.metrics import Array
-from pfd_ros.motion.symptoms import symptoms
+from pfd_ros.motion.symptoms import diagnosis, text_of
 
 # One joint by name, several, or all.
 Joints: TypeAlias = str | Sequence[str] | None
@@ -195,13 +195,14 @@ class Trajectory:
             goals = goals[:1]
         return [
             f'{self.names[j]}: '
-            + symptoms(
-                self.time,
-                *(x[:, j] for x in (self.q, self.qd, self.tau)),
-                target=None if goals is None else goals[:, j] if len(goals) > 1 else goals[0, j],
-                limits=self._bounds(j),
-                period=self.period,
-                commanded=bool(self.commanded[j]) if len(self.commanded) else True,
+            + text_of(
+                diagnosis(
+                    *(self.time, self.q[:, j], self.qd[:, j], self.tau[:, j]),
+                    target=None if goals is None else goals[0 if len(goals) == 1 else ..., j],
+                    limits=self._bounds(j),
+                    period=self.period,
+                    commanded=bool(self.commanded[j]) if len(self.commanded) else True,
+                )
             )
             for j in self._columns(joint)
         ]

@@ -182,11 +182,17 @@ def test_the_changed_arm_moves_as_one_that_was_so_from_the_start(
 
 # Controller -> in the line FAILED, and in the error output.
 FAULTS = {
-    'raises': ('0.050000 s: the controller raised at t = 0.051 s: KeyError', 'laws.py", line 2'),
+    'raises': (
+        '0.050000 s, compared up to there: the controller raised at t = 0.051 s',
+        'laws.py", line 2',
+    ),
     'nan': ("returned nan for joint 'shoulder', nan for joint 'elbow'", 'expected finite efforts'),
     'short': ('the controller returned array', 'expected 2 numbers'),
     'ends': ('the controller returned None at t = 0.05 s', 'expected 2 numbers'),
-    'never': ('0.000000 s: the controller raised at t = 0.001 s: RuntimeError', 'not today'),
+    'never': (
+        '0.000000 s, nothing is compared: the controller raised at t = 0.001 s',
+        'not today',
+    ),
 }
 
 
@@ -197,7 +203,7 @@ def test_a_controller_that_fails_is_named_and_its_run_is_recorded_up_to_there(
     driven('a.mcap', laws['pd'])
     before = Path('a.mcap').read_bytes()
     status, printed, error = command(
-        'replay', 'a.mcap', '--what-if', '--controller', f'laws:{fault}'
+        *('replay', 'a.mcap', '--what-if', '--controller', f'laws:{fault}', '--plot', 'a.svg')
     )
     assert status == 1
     (line,) = [line for line in printed.splitlines() if line.startswith('FAILED')]
@@ -208,6 +214,8 @@ def test_a_controller_that_fails_is_named_and_its_run_is_recorded_up_to_there(
     assert 'pfd_ros' not in error
     assert verify_log('a_what_if.mcap').complete
     count = 0 if fault == 'never' else 49
+    # Where nothing was computed, no table says that nothing differs.
+    assert ('nothing is compared' in line) == ('diverged' not in printed) == (fault == 'never')
     assert states_of('a_what_if.mcap')[:count] == states_of('a.mcap')[:count]
     assert len(states_of('a_what_if.mcap')) in (count, count + 1, count + 2)
     assert Path('a.mcap').read_bytes() == before

@@ -8,10 +8,11 @@ import math
 from typing import Any
 
 from bridge import (
+    joint_diagnosis,
     oscillation,
     overshoot,
     settling_time,
-    symptoms,
+    text_of,
 )
 import numpy as np
 import pytest
@@ -34,7 +35,8 @@ def diagnosis(
     qd = np.gradient(q, STEP)
     tau = np.broadcast_to(tau, q.shape)
     limits = [('position', q, -math.inf, math.inf), ('effort', tau, -full, full)]
-    return symptoms(TIME, q, qd, tau, target=target, limits=limits, period=STEP, **more)
+    given = {'target': target, 'limits': limits, 'period': STEP, **more}
+    return text_of(joint_diagnosis(TIME, q, qd, tau, **given))
 
 
 def test_the_settling_time_is_that_after_which_an_exponential_stays_near_its_target() -> None:

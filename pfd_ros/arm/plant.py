@@ -146,7 +146,7 @@ class Plants:
                 kernels[ADDED] = pfd.compile_kernel(
                     self._robot, scene=model, quantity='gravity_torques'
                 )
-            if settings.external_wrench and any(settings.reflex_external_effort):
+            if any(settings.reflex_external_effort):
                 kernels[EXTERNAL] = pfd.compile_kernel(
                     self._robot, scene=alone, quantity='wrench_torques'
                 )
@@ -200,6 +200,9 @@ def scene_of(settings: Settings, order: NDArray[Any]) -> pfd.Scene:
     compensated = (
         scene.gravity_compensation or settings.gravity_compensation or settings.convention != PLAIN
     )
+    wrenched = scene.external_wrench or settings.external_wrench
+    if any(settings.reflex_external_effort) and not wrenched:
+        raise ValueError('reflex_external_effort is given, but external_wrench is false')
     if settings.load_mass:
         if not compensated:
             raise ValueError(
@@ -212,7 +215,7 @@ def scene_of(settings: Settings, order: NDArray[Any]) -> pfd.Scene:
     return replace(
         scene,
         brakes=True,
-        external_wrench=scene.external_wrench or settings.external_wrench,
+        external_wrench=wrenched,
         gravity_compensation=compensated,
         payload=settings.payload or scene.payload,
     )

@@ -162,6 +162,7 @@ def test_a_convention_gives_defaults_and_what_is_given_has_precedence(convention
         ({'convention': 'abb'}, "convention is 'abb', expected one of"),
         ({'state_effort': 'current'}, 'expected torque_constant above 0 for every joint, N m/A'),
         ({'load_mass': 1.0}, 'load.mass is 1.0, but nothing compensates it'),
+        ({'reflex_external_effort': (1.0, 0.0)}, 'given, but external_wrench is false'),
         ({'viscous_scale': (1.1, 0.0)}, 'viscous_scale is 1.1, expected 0.0 to 1.0'),
     ],
 )
@@ -422,6 +423,9 @@ def test_an_external_torque_beyond_its_threshold_stops_the_robot() -> None:
     messages, _ = engine.step([zeros(engine), push])
     (data,) = (data for role, data, _ in messages if role == 'external_torques')
     assert decode_joints(data).effort[6] == pytest.approx(11.9)
+    assert not engine.state.tripped
+    # Another payload is an input of native code.
+    engine.step([zeros(engine), payload(engine.robot.tip, 0.1), change(load_mass=0.1)])
     assert not engine.state.tripped
     engine.step([zeros(engine), wrench(engine.robot.tip, torque=(0.0, 0.0, 12.1))])
     assert engine.state.tripped == (

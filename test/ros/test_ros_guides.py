@@ -292,8 +292,9 @@ def wait_for_commands(recording: Path) -> None:
     """Return once the arm has recorded commands."""
 
     def recorded() -> bool:
-        # Its channels may not be written yet.
-        log = read_log(recording) if recording.exists() else {}
+        # The file may be empty, or without its channels, so far.
+        begun = recording.exists() and recording.stat().st_size > 0
+        log = read_log(recording) if begun else {}
         return '/joint_commands' in log and len(log['/joint_commands']) >= 100
 
     wait_until(recorded, pause=0.5)

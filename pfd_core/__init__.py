@@ -74,7 +74,7 @@ if TYPE_CHECKING:
     )
     from pfd_core.model.packages import find_package
     from pfd_core.model.urdf import Urdf
-    from pfd_core.model.urdf_robot import TreeError
+    from pfd_core.model.urdf_chain import TreeError
     from pfd_core.model.urdf_writer import robot_to_urdf
     from pfd_core.paper.emulate import Run, emulate
     from pfd_core.simulation.adaptive import AdaptiveTrajectory, integrate
@@ -154,7 +154,7 @@ _NAMES = {
         'robot_to_yaml scene_to_yaml start_positions urdf_of with_payload'
     ),
     'model.packages': 'find_package',
-    'model.urdf_robot': 'TreeError',
+    'model.urdf_chain': 'TreeError',
     'model.urdf': 'Urdf',
     'model.urdf_writer': 'robot_to_urdf',
     'simulation.adaptive': 'AdaptiveTrajectory integrate',

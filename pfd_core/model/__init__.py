@@ -12,8 +12,11 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     apart               programs that make a URDF of a file, in another process with a bound
     xacro_files         the URDF of a xacro file and its arguments, by the package xacro
     mjcf                the URDF of a MuJoCo model, compiled by the package mujoco
-    urdf                URDF string -> Urdf, the one record for all readers; rotors
-    urdf_robot          the chain of joints of a URDF that move, welded, as a Robot
+    urdf                URDF string -> Urdf, the one record for all readers
+    urdf_rotors         inertia of rotors in its transmissions
+    urdf_xml            its XML, bounded in size, with lines for errors; numbers in it
+    urdf_chain          the joints of a URDF that move, in a chain, and those that are locked
+    urdf_robot          the links that each of them carries, welded, as a Robot
     urdf_writer         robots as URDF
     geometry            rotations, frames and rigid bodies as arrays with exact zeros and ones;
                         conditions on a rotation and an inertia, with their tolerances

@@ -221,8 +221,8 @@ def locked_joints(
     if urdf is None:
         robot = load_robot(source, base=base, tip=tip)
         return locked_positions({} if locked is None else locked, position_limits(robot))
-    given = load('model.urdf_robot.lockable')(urdf, locked)
-    return dict(load('model.urdf_robot.find_chain')(urdf, base, tip, given).locked)
+    given = load('model.urdf_chain.lockable')(urdf, locked)
+    return dict(load('model.urdf_chain.find_chain')(urdf, base, tip, given).locked)
 
 
 def _check_ends(base: object, tip: object) -> None:

@@ -10,21 +10,31 @@ the file and the line.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from itertools import islice
 import math
-import re
 import sys
 from typing import NamedTuple
-from xml.etree.ElementTree import Element, TreeBuilder
-from xml.parsers import expat
+from xml.etree.ElementTree import Element
 
 from pfd_core.model.geometry import angles_of_quaternion
 from pfd_core.model.robot import JOINT_TYPES, known_limits, locked_positions
-from pfd_core.model.rotors import reflected_inertia
-from pfd_core.model.values import BLANKS, number_from_text, quote, quote_all
+from pfd_core.model.urdf_rotors import ROTORS, TRANSMISSIONS, armature_of, type_of, values_in
+from pfd_core.model.urdf_xml import (
+    Place,
+    Triple,
+    error_at,
+    named,
+    number,
+    numbers,
+    only,
+    place_of,
+    robot_element,
+    triple,
+)
+from pfd_core.model.values import quote, quote_all
 
 NOT_A_CHAIN = ('floating', 'planar')
 # A limit of this size means no limit: pfd_core.model.urdf_writer has no other number for it.
@@ -38,15 +48,6 @@ OTHER_HALF = {'iyx': 'ixy', 'izx': 'ixz', 'izy': 'iyz'}
 HALVES_TOLERANCE = 1e-6
 # Versions of the format; from 1.1 on an orientation may be a quaternion.
 VERSIONS, QUATERNIONS = ('1.0', '1.1', '1.2'), 'quat_xyzw'
-# Rotors: local name of the inertia -> local names of the ratio. The format has no element for the
-# inertia of a rotor. Two extensions are read, both in the <actuator> of a <transmission> with one
-# joint: Drake's <drake:rotor_inertia value> with <drake:gear_ratio value>, and <motorInertia> with
-# the reduction that ROS 1 writes in the <actuator> or the <transmission>, and ROS 2 in the
-# <joint>. A reduction alone is ambiguous: most files have 1 or its inverse there.
-ROTORS = {
-    'rotor_inertia': ('gear_ratio',),
-    'motorInertia': ('mechanicalReduction', 'mechanical_reduction'),
-}
 # Names that are read, those of attributes and of children together, by element.
 KNOWN: Mapping[str, tuple[str, ...]] = {
     'robot': ('name', 'version', 'link', 'joint', 'transmission'),
@@ -75,16 +76,10 @@ PHYSICAL = ('origin', 'mass', 'inertia', 'axis', 'limit', 'dynamics', 'mimic', '
 # Names of the format and of other tools that are not read here, and are no misspelt ones.
 FOREIGN = {'visual', 'collision', 'material', 'gazebo', 'ros2_control', 'safety_controller'}
 FOREIGN |= {'calibration'}
-# Types of transmissions that ROS has; others are of plugins.
-SIMPLE = 'SimpleTransmission'
-TRANSMISSIONS = ('', SIMPLE, 'DifferentialTransmission', 'FourBarLinkageTransmission')
-# Published URDFs have up to 1 MB, some 150 links, and 4000 elements, 8 within each other.
-MOST_CHARACTERS, MOST_LINKS = 16 * 2**20, 500
-MOST_ELEMENTS, DEEPEST = 100_000, 100
+# Published URDFs have some 150 links.
+MOST_LINKS = 500
 # Longest name that is compared with the names that are read, and most of these.
 LONGEST_NAME, MOST_COMPARED = 40, 10_000
-
-Triple = tuple[float, float, float]
 
 
 class Origin(NamedTuple):
@@ -92,22 +87,6 @@ class Origin(NamedTuple):
 
     xyz: Triple
     rpy: Triple
-
-
-class Place(NamedTuple):
-    """Where an element is: file or 'URDF text', and line, 0 if unknown."""
-
-    source: str
-    line: int
-
-    def __str__(self) -> str:
-        """Return it as the start of an error."""
-        return repr(self.source)[1:-1] + (f', line {self.line}' if self.line else '')
-
-    @property
-    def short(self) -> str:
-        """The line alone, to follow the name of an element."""
-        return f' (line {self.line})' if self.line else ''
 
 
 class Inertial(NamedTuple):
@@ -233,27 +212,27 @@ def parse_urdf(text: str, source: str = 'URDF text', lines: bool = True) -> Urdf
     ValueError if the text is no XML or no <robot>, or a link or joint breaks the format. It starts
     with source and line, but without a line for expanded xacro, which has other lines.
     """
-    root = _root(text, source, lines)
+    root = robot_element(text, source, lines)
     known = _known(root)
     turned = QUATERNIONS in known['origin']
     links = {
         name: _inertial(e, f'link {quote(name)}', turned)
-        for name, e in _named(root, 'link').items()
+        for name, e in named(root, 'link').items()
     }
     if not links:
-        raise _error(root, 'the URDF has no <link>')
-    joints = {name: _joint(e, name, turned) for name, e in _named(root, 'joint').items()}
+        raise error_at(root, 'the URDF has no <link>')
+    joints = {name: _joint(e, name, turned) for name, e in named(root, 'joint').items()}
     for kind, count in (('links', len(links)), ('joints', len(joints))):
         if count > MOST_LINKS:
             problem = f'the URDF has {count} {kind}, more than the {MOST_LINKS} supported'
-            raise _error(root, problem)
+            raise error_at(root, problem)
     _check_mimics(joints)
     misspelt, unread = _not_read(root, known)
     return Urdf(
         name=root.get('name') or 'robot',
         links=links,
         joints=joints,
-        armature=_armature(root, joints),
+        armature=armature_of(root, joints),
         text=text,
         source=source,
         misspelt=misspelt,
@@ -261,83 +240,11 @@ def parse_urdf(text: str, source: str = 'URDF text', lines: bool = True) -> Urdf
     )
 
 
-class _Element(Element):
-    """An element that knows its place."""
-
-    __slots__ = ('place',)
-    place: Place
-
-
-def _error(element: Element, problem: str) -> ValueError:
-    return ValueError(f'{_place(element)}: {problem}')
-
-
-def _place(element: Element) -> Place:
-    assert isinstance(element, _Element)
-    return element.place
-
-
-def _root(text: str, source: str, lines: bool) -> Element:
-    """Return the <robot> of a text, without entities, which could expand to any size."""
-    if len(text) > MOST_CHARACTERS:
-        problem = f'the URDF has {len(text)} characters, more than the {MOST_CHARACTERS}'
-        raise ValueError(f'{Place(source, 0)}: {problem} supported')
-    before = text[: len(text) - len(text.lstrip())].count('\n')
-    builder, parser = TreeBuilder(_Element), expat.ParserCreate(namespace_separator='}')
-    count = depth = 0
-
-    def place(line: int) -> Place:
-        return Place(source, before + line if lines else 0)
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal count, depth
-        count, depth = count + 1, depth + 1
-        # ElementTree's way to write a name of a namespace.
-        names = {f'{{{key}' if '}' in key else key: x for key, x in attributes.items()}
-        element = builder.start(f'{{{tag}' if '}' in tag else tag, names)
-        element.place = place(parser.CurrentLineNumber)  # type: ignore[attr-defined]
-        if count > MOST_ELEMENTS:
-            raise _error(element, f'the URDF has more than the {MOST_ELEMENTS} elements supported')
-        if depth > DEEPEST:
-            raise _error(element, f'the URDF has elements more than {DEEPEST} deep')
-
-    def end(tag: str) -> None:
-        nonlocal depth
-        depth -= 1
-        builder.end(f'{{{tag}' if '}' in tag else tag)
-
-    def refuse(*_: object) -> None:
-        raise ValueError(f'{place(parser.CurrentLineNumber)}: a URDF has no <!DOCTYPE>')
-
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.CharacterDataHandler, parser.StartDoctypeDeclHandler = builder.data, refuse
-    try:
-        parser.Parse(text.strip(), True)
-    except expat.ExpatError as error:
-        problem = f'not well-formed XML: {expat.ErrorString(error.code)}'
-        raise ValueError(f'{place(error.lineno)}: {problem}') from error
-    except UnicodeEncodeError as error:
-        line = text.count('\n', 0, error.start) + 1
-        raise ValueError(f'{place(line)}: not well-formed XML: {error}') from error
-    root = builder.close()
-    for element in root.iter():
-        space, _, name = element.tag.rpartition('}')
-        if 'xacro' in space:
-            raise _error(
-                element,
-                f'the URDF has <xacro:{quote(name)[1:-1]}>, which is not expanded: load the '
-                '.xacro file, or run `xacro FILE > robot.urdf` first',
-            )
-    if root.tag != 'robot':
-        raise _error(root, f'a URDF starts with <robot>, this with <{quote(root.tag)[1:-1]}>')
-    return root
-
-
 def _known(root: Element) -> Mapping[str, tuple[str, ...]]:
     """Return the names that are read in the version of the format that a file states."""
     version = root.get('version', VERSIONS[0])
     if version not in VERSIONS:
-        raise _error(
+        raise error_at(
             root, f'<robot version> must be one of {", ".join(VERSIONS)}, got {quote(version)}'
         )
     if version == VERSIONS[0]:
@@ -371,24 +278,24 @@ def _unread(
     """Yield attributes and elements that are not read: place, tag of the element, and name."""
     tag, name = element.tag, element.get('name')
     place = f'{outer}<{tag}{"" if name is None else f" name={quote(name)}"}>'
-    holds, line = tag in HOLDS_ELEMENTS, _place(element).short
+    holds, line = tag in HOLDS_ELEMENTS, place_of(element).short
     for key in element.attrib:
         if key not in known[tag] or (holds and key in known):
             yield f'{place} {quote(key.rpartition("}")[2])[1:-1]}={line}', tag, key
     # It may hold anything, but a rotor only in its <actuator>.
     if tag == 'transmission':
         for outside in (element, *element.findall('joint')):
-            for key, _ in _values(outside):
+            for key, _ in values_in(outside):
                 if key in ROTORS:
                     yield f'{place} <{key}>{line}', tag, key
-        if _type(element) not in TRANSMISSIONS:
-            yield f'{place} of type {quote(_type(element))}{line}', tag, 'type'
+        if type_of(element) not in TRANSMISSIONS:
+            yield f'{place} of type {quote(type_of(element))}{line}', tag, 'type'
         return
     for child in element:
         if holds and child.tag in known[tag] and child.tag in known:
             yield from _unread(child, known, f'{place} ')
         else:
-            yield f'{place} <{quote(child.tag)[1:-1]}>{_place(child).short}', tag, child.tag
+            yield f'{place} <{quote(child.tag)[1:-1]}>{place_of(child).short}', tag, child.tag
 
 
 def _resembles(name: str, known: tuple[str, ...]) -> bool:
@@ -401,113 +308,64 @@ def _resembles(name: str, known: tuple[str, ...]) -> bool:
     )
 
 
-def _named(root: Element, tag: str) -> dict[str, Element]:
-    found: dict[str, Element] = {}
-    for element in root.findall(tag):
-        name = element.get('name')
-        if not name:
-            raise _error(element, f'the URDF has a <{tag}> without a name')
-        if name in found:
-            first = _place(found[name]).short
-            raise _error(element, f'the URDF has two {tag}s named {quote(name)}{first}')
-        found[name] = element
-    return found
-
-
-def _only(parent: Element, tag: str, label: str) -> Element | None:
-    """Return the one child with a tag, or None; ValueError for two, as readers differ on them."""
-    found = parent.findall(tag)
-    if len(found) > 1:
-        raise _error(found[1], f'{label} has {len(found)} elements <{tag}>; it may have one')
-    return found[0] if found else None
-
-
-def _number(element: Element, key: str, label: str, silent: float | None = None) -> float:
-    """Return the number in an attribute; `silent` is that of an optional one."""
-    text = element.get(key)
-    where = f'{_place(element)}: <{element.tag} {key}> of {label}'
-    if text is None:
-        if silent is None:
-            raise ValueError(f'{where} must be a number, got none')
-        return silent
-    return number_from_text(where, text, infinite=element.tag == 'limit')
-
-
-def _triple(
-    element: Element | None, key: str, label: str, silent: Triple = (0.0, 0.0, 0.0)
-) -> Triple:
-    if element is None or key not in element.attrib:
-        return silent
-    x, y, z = _numbers(element, key, label, 3)
-    return x, y, z
-
-
-def _numbers(element: Element, key: str, label: str, count: int) -> list[float]:
-    text = element.get(key, '')
-    where = f'{_place(element)}: <{element.tag} {key}> of {label}'
-    words = re.split(f'[{BLANKS}]+', text.strip(BLANKS), maxsplit=count)
-    if len(words) != count:
-        wanted = {3: 'three', 4: 'four'}[count]
-        raise ValueError(f'{where} must be {wanted} numbers, got {quote(text)}')
-    return [number_from_text(where, word) for word in words]
-
-
 def _origin(parent: Element, label: str, turned: bool) -> Origin:
     """Return the frame that an element states; `turned` where a quaternion may state its axes."""
-    element = _only(parent, 'origin', label)
-    xyz = _triple(element, 'xyz', label)
+    element = only(parent, 'origin', label)
+    xyz = triple(element, 'xyz', label)
     if not turned or element is None or QUATERNIONS not in element.attrib:
-        return Origin(xyz, _triple(element, 'rpy', label))
+        return Origin(xyz, triple(element, 'rpy', label))
     if 'rpy' in element.attrib:
-        raise _error(element, f'<origin> of {label} has rpy and {QUATERNIONS}; it may have one')
-    quaternion = _numbers(element, QUATERNIONS, label, 4)
+        raise error_at(element, f'<origin> of {label} has rpy and {QUATERNIONS}; it may have one')
+    quaternion = numbers(element, QUATERNIONS, label, 4)
     if not any(quaternion):
-        raise _error(element, f'<origin {QUATERNIONS}> of {label} must be four numbers, not all 0')
+        raise error_at(
+            element, f'<origin {QUATERNIONS}> of {label} must be four numbers, not all 0'
+        )
     return Origin(xyz, angles_of_quaternion(*quaternion))
 
 
 def _inertial(link: Element, label: str, turned: bool) -> Inertial | None:
-    element = _only(link, 'inertial', label)
+    element = only(link, 'inertial', label)
     if element is None:
         return None
-    mass, inertia = _only(element, 'mass', label), _only(element, 'inertia', label)
+    mass, inertia = only(element, 'mass', label), only(element, 'inertia', label)
     if mass is None or inertia is None:
-        raise _error(element, f'<inertial> of {label} must have a <mass> and an <inertia>')
-    elements = {key: _number(inertia, key, label) for key in INERTIA_KEYS}
+        raise error_at(element, f'<inertial> of {label} must have a <mass> and an <inertia>')
+    elements = {key: number(inertia, key, label) for key in INERTIA_KEYS}
     largest = max(map(abs, elements.values()))
     for key, same in OTHER_HALF.items():
-        other = _number(inertia, key, label, elements[same])
+        other = number(inertia, key, label, elements[same])
         if abs(other - elements[same]) > HALVES_TOLERANCE * largest:
-            raise _error(
+            raise error_at(
                 inertia,
                 f'<inertia {key}> of {label} must equal {same}, {elements[same]}, got {other}',
             )
     origin, moments = _origin(element, label, turned), tuple(elements.values())
-    return Inertial(_number(mass, 'value', label), origin, moments, _place(element))
+    return Inertial(number(mass, 'value', label), origin, moments, place_of(element))
 
 
 def _joint(element: Element, name: str, turned: bool) -> Joint:
     label, kind = f'joint {quote(name)}', element.get('type', '')
     if kind not in (*JOINT_TYPES, *NOT_A_CHAIN, 'fixed'):
         known = quote_all((*JOINT_TYPES, 'fixed'))
-        raise _error(element, f'{label} has type {quote(kind)}; known types are {known}')
-    ends = [_only(element, tag, label) for tag in ('parent', 'child')]
+        raise error_at(element, f'{label} has type {quote(kind)}; known types are {known}')
+    ends = [only(element, tag, label) for tag in ('parent', 'child')]
     parent, child = ('' if end is None else end.get('link', '') for end in ends)
-    written = _only(element, 'axis', label)
-    axis = _triple(written, 'xyz', label, (1.0, 0.0, 0.0))
+    written = only(element, 'axis', label)
+    axis = triple(written, 'xyz', label, (1.0, 0.0, 0.0))
     # The format gives x to a joint without an <axis>; readers differ about an empty one.
     empty = written is not None and written.get('xyz') is None
     if kind in JOINT_TYPES and (empty or not any(axis)):
-        raise _error(
+        raise error_at(
             element if written is None else written,
             f'<axis xyz> of {label} must be three numbers, not all 0',
         )
-    mimic, rule = _only(element, 'mimic', label), None
+    mimic, rule = only(element, 'mimic', label), None
     if mimic is not None:
-        factors = _number(mimic, 'multiplier', label, 1.0), _number(mimic, 'offset', label, 0.0)
+        factors = number(mimic, 'multiplier', label, 1.0), number(mimic, 'offset', label, 0.0)
         rule = Mimic(mimic.get('joint', ''), *factors)
     (limits, unlimited), origin = _limits(element, kind, label), _origin(element, label, turned)
-    coupling, place = _only(element, EQUALITY, label), _place(element)
+    coupling, place = only(element, EQUALITY, label), place_of(element)
     others = '' if coupling is None else coupling.get('name', 'none')
     return Joint(name, kind, parent, child, origin, axis, limits, unlimited, rule, others, place)
 
@@ -528,91 +386,26 @@ def _check_mimics(joints: Mapping[str, Joint]) -> None:
 
 def _limits(element: Element, kind: str, label: str) -> tuple[dict[str, float], tuple[str, ...]]:
     """Return the limits and losses that a joint states, and limits that it should state."""
-    limit, dynamics = _only(element, 'limit', label), _only(element, 'dynamics', label)
+    limit, dynamics = only(element, 'limit', label), only(element, 'dynamics', label)
     found: dict[str, float] = {}
     missing: tuple[str, ...] = ()
     if limit is not None:
         # The format gives 0 to an end that is left out; the other two should be there.
-        ends = {key: _number(limit, key, label, 0.0) for key in ('lower', 'upper')}
+        ends = {key: number(limit, key, label, 0.0) for key in ('lower', 'upper')}
         found = ends if kind in ('revolute', 'prismatic') else {}
-        motor = {key: _number(limit, key, label, math.nan) for key in ('velocity', 'effort')}
+        motor = {key: number(limit, key, label, math.nan) for key in ('velocity', 'effort')}
         found |= {key: value for key, value in motor.items() if key in limit.attrib}
         missing = tuple(f'no {key}' for key in motor if key not in limit.attrib)
     elif kind in ('revolute', 'prismatic'):
         missing = ('no <limit>',)
     if dynamics is not None:
         keys = (key for key in KNOWN['dynamics'] if dynamics.get(key) is not None)
-        found |= {key: _number(dynamics, key, label) for key in keys}
+        found |= {key: number(dynamics, key, label) for key in keys}
     for key in KNOWN['dynamics']:
         if found.get(key, 0.0) < 0:
-            raise _error(
+            raise error_at(
                 element if dynamics is None else dynamics,
                 f'<dynamics {key}> of {label} must not be negative, got {found[key]}',
             )
     known, none = known_limits({k: x for k, x in found.items() if abs(x) != LARGEST_LIMIT})
     return known, (*missing, *none)
-
-
-def _armature(root: Element, joints: Collection[str]) -> dict[str, float]:
-    """Return the armature of each joint whose transmissions state a rotor."""
-    found: dict[str, float] = {}
-    for transmission in root.findall('transmission'):
-        label = f'transmission {quote(transmission.get("name", ""))}'
-        for actuator in transmission.findall('actuator'):
-            armature = _rotor(actuator, transmission, label)
-            if armature is None:
-                continue
-            if _type(transmission) not in ('', SIMPLE):
-                raise _error(
-                    transmission,
-                    f'{label} has the inertia of a rotor, so its type must be {SIMPLE}, got '
-                    f'{quote(_type(transmission))}',
-                )
-            moved = [joint.get('name', '') for joint in transmission.findall('joint')]
-            if len(moved) != 1 or moved[0] not in joints:
-                raise _error(
-                    transmission,
-                    f'{label} has the inertia of a rotor, so it must have one joint of the URDF, '
-                    f'got {quote(moved)}',
-                )
-            # Several motors on a joint turn together.
-            found[moved[0]] = found.get(moved[0], 0.0) + armature
-    return found
-
-
-def _rotor(actuator: Element, transmission: Element, label: str) -> float | None:
-    """Return the inertia of an actuator's rotor at its joint, or None if it states none."""
-    inertias = dict(_values(actuator))
-    for key, ratios in ROTORS.items():
-        if key in inertias:
-            place = f'{_place(actuator)}: '
-            inertia = number_from_text(f'{place}{key} of {label}', inertias[key])
-            places = actuator, transmission, *transmission.findall('joint')
-            stated = {
-                number_from_text(f'{_place(element)}: {name} of {label}', text)
-                for element in places
-                for name, text in _values(element)
-                if name in ratios
-            }
-            if len(stated) > 1:
-                raise ValueError(
-                    f'{place}{label} states {len(stated)} reductions, '
-                    f'{quote_all(sorted(stated))}; it may have one'
-                )
-            try:
-                return float(reflected_inertia([inertia], *(stated or {1.0}))[0])
-            except ValueError as error:
-                raise ValueError(f'{place}{label}: {error}') from error
-    return None
-
-
-def _type(transmission: Element) -> str:
-    """Return the type of a transmission without the package of its class."""
-    text = dict(_values(transmission)).get('type', '')
-    return re.split('[/:]', transmission.get('type', text).strip())[-1]
-
-
-def _values(element: Element) -> Iterator[tuple[str, str]]:
-    """Yield the children of an element by local name: an attribute `value`, or their text."""
-    for child in element:
-        yield str(child.tag).rpartition('}')[2], child.get('value', child.text or '')

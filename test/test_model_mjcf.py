@@ -167,7 +167,7 @@ def off(flag: str) -> str:
         ('', '<option density="1.2"/>', 'fluid'),
         ('', '<equality><joint joint1="a" active="false"/></equality>', 'equality constraints'),
         ('', '<tendon><fixed><joint joint="a" coef="1"/></fixed></tendon>', 'tendons'),
-        ('', SERVO, "kp and kv of servos, 'servo'"),
+        ('', SERVO, r"kp and kv of servos\) 'servo'"),
         ('', '<actuator><general joint="a" dyntype="filter"/></actuator>', "'actuator0'"),
         ('', '<actuator><motor joint="a" forcerange="-1 2"/></actuator>', 'smaller side'),
         ('', '<actuator><adhesion body="a" ctrlrange="0 1"/></actuator>', 'other things than'),

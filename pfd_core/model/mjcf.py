@@ -59,7 +59,7 @@ def urdf_of_mjcf(path: Path) -> str:
         raise ValueError(f'{label}: {result["reason"]}')
     if result['lost']:
         warnings.warn(
-            f'{label}: not in the robot, since a URDF has none: {", ".join(result["lost"])}',
+            f'{label}: not in the robot, since a URDF has none: {"; ".join(result["lost"])}',
             PhysicsWarning,
             stacklevel=4,
         )
@@ -159,7 +159,7 @@ def _lost(mujoco: Any, model: Any) -> Iterator[str]:
         if turns > IN_PARENT:
             kinds.setdefault('actuators of other things than joints', []).append(k)
         elif not _is_motor(mujoco, model, k):
-            kinds.setdefault('laws of actuators, such as kp and kv of servos,', []).append(k)
+            kinds.setdefault('laws of actuators (such as kp and kv of servos)', []).append(k)
         elif model.actuator_forcelimited[k] and model.actuator_forcerange[k].sum():
             kinds.setdefault('the smaller side of forcerange', []).append(k)
     kinds['free bodies'] = _free(model)

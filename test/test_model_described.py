@@ -38,7 +38,9 @@ XACRO = f"""<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="a_file">
 <xacro:arg name="length" default="$(find bench_description)"/><link name="world"/>
 {LINK.format('upper', 2, 0.2)}{LINK.format('fore', 1, '$(arg length)')}
 {JOINT.format('shoulder', 'world', 'upper')}{JOINT.format('elbow', 'upper', 'fore')}
-<link name="flange"/><joint name="end" type="fixed"><parent link="fore"/><child link="flange"/>
+<link name="flange"><visual><geometry><mesh
+filename="file:///$(find bench_description)/a.stl"/></geometry></visual></link>
+<joint name="end" type="fixed"><parent link="fore"/><child link="flange"/>
 <origin xyz="0 0 0.1"/></joint>
 <transmission name="t"><type>transmission_interface/SimpleTransmission</type>
 <joint name="elbow"/><actuator name="m"><motorInertia>7</motorInertia>
@@ -98,6 +100,7 @@ def test_a_described_robot_is_the_file_of_its_package_with_its_own_numbers(
     assert robot.friction.tolist() == [1, 2]
     assert robot.effort_limit.tolist() == [40, np.inf]
     assert robot.velocity_limit.tolist() == [3, 3]
+    assert '"package://bench_description/a.stl"' in pfd.urdf_of(BENCH)
 
 
 def test_each_way_to_read_a_described_robot_gives_the_same_one(
@@ -139,6 +142,11 @@ def test_without_a_description_the_error_names_each_package_and_each_way_to_get_
         'a list': (('package: bench_description', 'package: [b]'), 'must have words'),
         'another format': (('bench.urdf.xacro', '../package.yaml'), "must end in one of .*'urdf/"),
         'a missing file': (('bench.urdf.xacro', 'b.urdf'), 'urdf/b.urdf in '),
+        'no words': (
+            ('[apt install one, git clone another]', '[[1], {a: 2}]', 'bench_d', 'x'),
+            'x',
+        ),
+        'no mapping': ((BENCH + NUMBERS, '"\n\ndescription: x"'), 'must be a mapping'),
         'a negative one': (('[1, 2]', '[1, -2]'), 'friction'),
     }.values(),
 )

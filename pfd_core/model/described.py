@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
+import re
 from typing import NamedTuple
 import xml.etree.ElementTree as ElementTree
 
@@ -35,6 +36,8 @@ KEYS, SUFFIXES = ('package', 'path', 'tip'), ('.urdf', '.xacro', '.xml')
 class Description(NamedTuple):
     """A file of a package."""
 
+    package: str
+    folder: Path  # of the package
     path: Path
     tip: str
     xacro: Mapping[str, str]
@@ -43,8 +46,10 @@ class Description(NamedTuple):
 def description(text: str, source: str) -> Description:
     """Return the description of a robot; ValueError, with ways to get one, if none is on disk."""
     document = read_yaml(text, source)
+    if not isinstance(document, Mapping):
+        raise ValueError(f'{quote(source)} must be a mapping, got {quote(document)}')
     missing = []
-    for row in document.get('description', []):
+    for row in document.get('description', ()):
         given = table(f'description of {quote(source)}', row, KEYS, ('xacro',))
         xacro = given.get('xacro', {})
         if not isinstance(xacro, Mapping) or not all(isinstance(given[key], str) for key in KEYS):
@@ -57,20 +62,26 @@ def description(text: str, source: str) -> Description:
             )
         package = find_package(name)
         if package is not None and (package / path).is_file():
-            return Description(package / path, given['tip'], xacro)
+            return Description(name, package, package / path, given['tip'], xacro)
         missing.append(f'{name} ({path})' if package is None else f'{path} in {package}')
+    ways = '; or '.join(map(str, document.get('get', ())))
     raise ValueError(
-        f'no description of {quote(document.get("robot"))} is on disk, neither package '
-        f'{" nor ".join(missing)}. Get one: {"; or ".join(document.get("get", []))}. Or give the '
-        'path of a URDF or xacro file in place of the name'
+        f'no description of {quote(document.get("robot"))} is on disk: no package '
+        f'{", no package ".join(missing)}. Get one: {ways}. Or give the path of a URDF or xacro '
+        'file in place of the name'
     )
 
 
-def with_numbers(urdf: Urdf, tip: str, text: str, source: str) -> str:
-    """Return a URDF with the name and the numbers of a robot in YAML, which ValueError names."""
+def with_numbers(urdf: Urdf, found: Description, text: str, source: str) -> str:
+    """
+    Return the URDF of a description with the name and the numbers of a robot in YAML.
+
+    Meshes in its package are named by the package, as others may read the text elsewhere.
+    ValueError, which names the source, for wrong numbers.
+    """
     rest = ('source', 'get', 'numbers')
     document = table(quote(source), read_yaml(text, source), ('robot', 'description'), rest)
-    joints = _chain(urdf, tip)
+    joints = _chain(urdf, found.tip)
     root = ElementTree.fromstring(urdf.text.strip())
     root.set('name', str(document['robot']))
     elements = {joint.get('name'): joint for joint in root.findall('joint')}
@@ -91,6 +102,10 @@ def with_numbers(urdf: Urdf, tip: str, text: str, source: str) -> str:
             if element is None:
                 element = ElementTree.SubElement(elements[joint], tag)
             element.attrib.update(all_written({key: value}))
+    for mesh in root.iter('mesh'):
+        path = re.sub('^file:/*', '/', mesh.get('filename', ''))
+        if path.startswith(f'{found.folder}/'):
+            mesh.set('filename', f'package://{found.package}{path[len(str(found.folder)) :]}')
     return ElementTree.tostring(root, encoding='unicode')
 
 

@@ -306,10 +306,10 @@ def _read_yaml(text: str, origin: str, xacro: Mapping[str, object] | None) -> _R
     if not is_described(text):
         _refuse_arguments(xacro)
         return _Read(text, origin, '')
-    path, tip, arguments = load('model.described.description')(text, origin)
-    urdf = _read(path, {**arguments, **(xacro or {})}).urdf()
-    urdf = load('model.described.with_numbers')(urdf, tip, text, origin)
-    return _Read(urdf, f'{path}, with numbers of {Path(origin).name}', XACRO, tip)
+    found = load('model.described.description')(text, origin)
+    parsed = _read(found.path, {**found.xacro, **(xacro or {})}).urdf()
+    urdf = load('model.described.with_numbers')(parsed, found, text, origin)
+    return _Read(urdf, f'{found.path}, with numbers of {Path(origin).name}', XACRO, found.tip)
 
 
 def _refuse_arguments(xacro: Mapping[str, object] | None) -> None:

@@ -69,7 +69,8 @@ def efforts(
     """Return the efforts at time t in s of the motion, (n,) in N m or N."""
     wanted, wanted_qd, wanted_qdd = motion.at(t)
     qdd = wanted_qdd + STIFFNESS * (wanted - q) + DAMPING * (wanted_qd - qd)
-    rotors = pfd.Scene(armature=robot.armature)
+    # Without rotors the wrist of an arm is so light that it throws the payload about.
+    rotors = pfd.Scene(armature='estimated')
     return pfd.inverse_dynamics(robot, q, qd, qdd, scene=rotors)
 
 
@@ -85,9 +86,10 @@ def push_force(robot: pfd.Robot) -> NDArray[Any]:
 
 def parameters(robot: pfd.Robot, seconds: float) -> dict[str, Any]:
     """Return parameters of the node: the start, rotors, and what the controller does not know."""
-    effects = ('armature', 'friction', 'damping')
+    effects = ('friction', 'damping')
     return {
         'initial_positions': motion_of(robot).start.tolist(),
+        'armature': 'estimated',
         **{key: len(robot.silent.get(key, ())) < robot.n for key in effects},
         'payload.mass': payload_mass(robot),
         'external_wrench': True,

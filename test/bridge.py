@@ -167,6 +167,7 @@ NAMES = {
     'Joints': 'pfd_ros.messages.joints:Joints',
     'decode_joints': 'pfd_ros.messages.joints:decode_joints',
     'encode_joints': 'pfd_ros.messages.joints:encode_joints',
+    'encode_trajectory': 'pfd_ros.messages.trajectory:encode_trajectory',
     'MESSAGE_NUMBERS': 'pfd_ros.messages.numbers:NUMBERS',
     'numbers_encoder': 'pfd_ros.messages.numbers:numbers_encoder',
     'transform_encoder': 'pfd_ros.messages.numbers:transform_encoder',

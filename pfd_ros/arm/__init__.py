@@ -18,6 +18,7 @@
     link            commands on the way to the actuators: delay, drop-out, watchdog
     arm             the state, what follows from its settings, and native code bound to both
     commands        the rules for a command, NaN and infinity among them
+    trajectory      the rule for trajectories, and the command of each cycle from one
     wrench          the rule for external wrenches, and frames that the last link carries
     other_inputs    the rules for requests, states to set, settings, payloads, a followed clock
     frames          the frames of a URDF's links, for /tf of a recording

@@ -145,6 +145,7 @@ def command(
     """
     state, link = arm.state, arm.link
     state.sent += 1
+    state.trajectory = None
     following = state.cycle + 1
     if state.period == following:
         remarks += _overwritten(arm, joints)

@@ -22,7 +22,7 @@ from contextlib import suppress
 from copy import deepcopy
 
 import pfd_core as pfd
-from pfd_ros.arm import commands, events, other_inputs, wrench
+from pfd_ros.arm import commands, events, other_inputs, trajectory, wrench
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.events import ACCEPTED, ALL, Change, Message, RefusedError, Verdict
 from pfd_ros.arm.frames import LinkFrames
@@ -36,6 +36,7 @@ from pfd_ros.text import cut
 RULES: dict[str, Callable[[Arm, bytes], Change]] = {
     events.NAMED: commands.named,
     events.ARRAY: commands.array,
+    events.TRAJECTORY: trajectory.rule,
     events.SET_STATE: other_inputs.set_state,
     events.REQUESTS: other_inputs.request,
     events.PARAMETERS: other_inputs.parameters,
@@ -192,6 +193,8 @@ class Engine(Arm):
             messages.append(Message(events.REJECTED, rejection, state.cycle + 1))
 
     def _cycle(self, state: State) -> None:
+        if state.trajectory is not None:
+            trajectory.advance(self)
         state.cycle += 1
         if state.origin_ns + state.cycle * self._step_ns > LAST_NS:
             self.fail(f'simulated time is at its end: stamps hold {LAST_SECOND} s')
@@ -218,7 +221,8 @@ class Engine(Arm):
             if outputs.shows:
                 outputs.add_state(messages, published=published)
             if published and self.lockstep:
-                state.waits = state.commanded
+                plan = state.trajectory
+                state.waits = state.commanded and (plan is None or self.stamp_ns >= plan.end_ns)
         if outputs.timed:
             outputs.add_timed(messages)
         if state.waits:

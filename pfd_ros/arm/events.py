@@ -99,6 +99,7 @@ class Role(NamedTuple):
 TRANSITION = 'lifecycle_msgs/msg/TransitionEvent'
 
 NAMED, ARRAY, SET_STATE = 'joint_commands', 'commands', 'set_state'
+TRAJECTORY = 'joint_trajectory'
 REQUESTS, PARAMETERS = 'requests', 'parameters'
 PAYLOAD, WRENCH, CLOCK_TICKS = 'payload', 'external_wrench', 'clock_ticks'
 REJECTED, PAYLOAD_IN_USE, STATES = 'rejected', 'payload_in_use', 'joint_states'
@@ -116,6 +117,7 @@ def _shown(role: str, kind: str, quantity: str = '') -> dict[str, Role]:
 ROLES: dict[str, Role] = {
     NAMED: Role(types.JOINT_STATE, 'joint_commands', INPUT),
     ARRAY: Role(types.FLOAT_ARRAY, '~/commands', INPUT),
+    TRAJECTORY: Role(types.TRAJECTORY, '~/joint_trajectory', INPUT),
     SET_STATE: Role(types.JOINT_STATE, '~/set_state', INPUT),
     REQUESTS: Role(types.STRING, '~/requests', INPUT, service=True),
     PARAMETERS: Role(types.STRING, '~/parameter_changes', INPUT, service=True),
@@ -155,6 +157,6 @@ OUTPUTS = tuple(role for role, row in ROLES.items() if row.kind == OUTPUT)
 ASIDES = frozenset(role for role, row in ROLES.items() if row.kind == ASIDE)
 # The outputs that the parameter `outputs` enables.
 OPTIONAL = tuple(role for role, row in ROLES.items() if row.optional)
-COMMANDS = frozenset({NAMED, ARRAY})
+COMMANDS = frozenset({NAMED, ARRAY, TRAJECTORY})
 # What an inactive arm refuses.
 MOVING = COMMANDS | {SET_STATE}

@@ -104,4 +104,5 @@ def stop(state: State, *, brake: bool = False) -> None:
         acting[BRAKE] = 1.0
     state.newest[:] = acting
     state.line.clear()
+    state.trajectory = None
     state.heard, state.silenced = None, False

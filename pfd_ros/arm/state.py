@@ -82,6 +82,8 @@ class State:
     jump: NDArray[Any] | None = None
     # Delayed commands: the cycle in which each acts, and `newest` as it was then.
     line: list[tuple[int, NDArray[Any]]] = field(default_factory=list)
+    # The trajectory that is followed, a trajectory.Plan, None for none.
+    trajectory: Any = None
     # Cycle of the newest command that acted, None if nothing has since the last stop; whether the
     # watchdog was what stopped the arm last, and how often it has acted.
     heard: int | None = None

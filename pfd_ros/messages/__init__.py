@@ -6,6 +6,7 @@
     types              names of message types
     definitions        definitions and hashes of types; rosbags does the work
     joints             JointState
+    trajectory         JointTrajectory
     numbers            a stamp and a fixed count of numbers: clock, pose, wrench; frames of links
     text_and_arrays    String and Float64MultiArray
     columns            the fields of messages of any type, by its definition; of many as arrays

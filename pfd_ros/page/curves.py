@@ -13,10 +13,11 @@ import zlib
 import numpy as np
 
 import pfd_core as pfd
-from pfd_ros.arm.events import ARRAY, ENERGY, NAMED, PAYLOAD_IN_USE, SET_STATE
+from pfd_ros.arm.events import ARRAY, ENERGY, NAMED, PAYLOAD_IN_USE, SET_STATE, TRAJECTORY
 from pfd_ros.arm.plant import INPUT, scene_of
 from pfd_ros.arm.plant_settings import payload_from
 from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
 from pfd_ros.page.recorded import Array, Recorded
@@ -94,7 +95,8 @@ def plots_of(run: Recorded, references: Sequence[Reference] = ()) -> Iterator[Pl
             plot = plot._replace(bounds=joints.bounds[item])
             if np.isfinite(values).any():
                 yield _with_references(plot, references) if item == 'position' else plot
-    others = [plot for plot in (*_energy(run), *_of_topics(run)) if len(plot.time)]
+    found = *_energy(run), *_points(run), *_of_topics(run)
+    others = [plot for plot in found if len(plot.time)]
     yield from sorted(others, key=lambda plot: not plot.title.startswith('commanded'))
 
 
@@ -109,6 +111,31 @@ def _with_references(plot: Plot, references: Sequence[Reference]) -> Plot:
                 kinds.append((name, kind))
                 columns.append((column + far)[:, np.newaxis])
     return plot._replace(values=np.concatenate(columns, axis=1), references=tuple(kinds))
+
+
+def _points(run: Recorded) -> Iterator[Plot]:
+    """Yield the points of trajectories, as far as the next one leaves them."""
+    found = run.of_role(TRAJECTORY)
+    if found is None or 'points.positions' not in found.arrays:
+        return
+    sec, nanosec = (found.arrays[f'points.time_from_start.{x}'] for x in ('sec', 'nanosec'))
+    came, stamps = run.times(found), found.header.stamp
+    stamp = stamps.sec + stamps.nanosec / NANOSECONDS
+    start = np.where(stamp > 0.0, stamp - run.origin_ns / NANOSECONDS, came)
+    time = start[:, np.newaxis] + sec + nanosec / NANOSECONDS
+    ends = np.append(came[1:], np.inf)
+    acts = (time >= came[:, np.newaxis]) & (time < ends[:, np.newaxis])
+    names = found.joint_names
+    labels = tuple(dict.fromkeys(names[names != '']))
+    for item, field in zip(JOINT_FIELDS, ('positions', 'velocities', 'effort'), strict=True):
+        points = found.arrays[f'points.{field}']
+        if not points.size:
+            continue
+        columns = [np.where(names[:, np.newaxis] == x, points, -np.inf)[acts] for x in labels]
+        values = np.stack([column.max(axis=1) for column in columns], axis=1)
+        values[np.isinf(values)] = np.nan
+        title = f'commanded points of {item} [{run.unit(item, labels)}]'
+        yield Plot(title, run.topic_of(TRAJECTORY), labels, time[acts], values)
 
 
 def _of_topics(run: Recorded) -> Iterator[Plot]:

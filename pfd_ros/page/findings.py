@@ -19,14 +19,13 @@ import numpy as np
 
 from pfd_ros.arm.actuators import has_reflex
 from pfd_ros.arm.events import (
-    ARRAY,
     COMMANDS,
     INACTIVE,
-    NAMED,
     PARAMETERS,
     REJECTED,
     REQUESTS,
     SET_STATE,
+    TRAJECTORY,
     TRANSITION,
 )
 from pfd_ros.messages.joints import JOINT_FIELDS
@@ -154,7 +153,7 @@ def _commands(run: Recorded, *, accepted: bool) -> Array:
     if accepted and rejected is not None and rejected.cycle is not None:
         roles = (str(text).partition(' ')[0] for text in rejected.data)
         refused = _grouped(zip(roles, rejected.cycle, strict=True))
-    for role in (NAMED, ARRAY):
+    for role in COMMANDS:
         found = run.of_role(role)
         if found is not None:
             cycles = np.zeros(len(found)) if found.cycle is None else found.cycle
@@ -162,11 +161,18 @@ def _commands(run: Recorded, *, accepted: bool) -> Array:
     return np.sort(np.concatenate(times))
 
 
+def _planned(run: Recorded) -> Array:
+    """Return the times of trajectories [s]: the arm commands itself after one."""
+    found = run.of_role(TRAJECTORY)
+    return np.empty(0) if found is None else run.times(found)
+
+
 def _last_command(run: Recorded) -> float | None:
     """Return when the commands ended [s], None if they come up to the end of the log."""
     times = _commands(run, accepted=False)
     usual = 3.0 * float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     ended = len(times) and run.span[1] - times[-1] > max(SILENCE, usual)
+    ended = ended and times[-1] not in _planned(run)
     return float(times[-1]) if ended else None
 
 
@@ -178,7 +184,7 @@ def commands_end(run: Recorded) -> float | None:
 def _watchdog(run: Recorded) -> Iterator[Finding]:
     limit = float(run.settings['command_timeout'])
     sent = np.append(_commands(run, accepted=True), run.span[1])
-    late = np.flatnonzero(np.diff(sent) > limit)
+    late = np.flatnonzero((np.diff(sent) > limit) & ~np.isin(sent[:-1], _planned(run)))
     if len(late):
         text = f'no command for command_timeout {limit:g} s: {run.settings.get("on_timeout", "")}'
         spans = np.stack([sent[late] + limit, sent[late + 1]], axis=1)

@@ -28,7 +28,14 @@ from pfd_ros.arm.settings import Settings
 from pfd_ros.files import new_file
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS
-from pfd_ros.messages.types import DIAGNOSTICS, FLOAT_ARRAY, INERTIA, JOINT_STATE, STRING
+from pfd_ros.messages.types import (
+    DIAGNOSTICS,
+    FLOAT_ARRAY,
+    INERTIA,
+    JOINT_STATE,
+    STRING,
+    TRAJECTORY,
+)
 from pfd_ros.motion.symptoms import diagnosis, text_of
 from pfd_ros.page.curves import Plot, Reference, commanded_positions, encoded, plots_of
 from pfd_ros.page.findings import BAD, NOTE, Finding, commands_end, find
@@ -39,7 +46,7 @@ from pfd_ros.recording.format import FIRST_EDITION, HeadKey, damage_named
 from pfd_ros.text import cut, one_line
 
 # What a page reads of a log.
-TYPES = (JOINT_STATE, FLOAT_ARRAY, STRING, INERTIA, DIAGNOSTICS, TRANSITION)
+TYPES = (JOINT_STATE, FLOAT_ARRAY, TRAJECTORY, STRING, INERTIA, DIAGNOSTICS, TRANSITION)
 # Of one page: plots, spans of a kind, rows of the story.
 MOST_PLOTS, MOST_SPANS, MOST_ROWS = 40, 400, 60
 # Around the first finding, for the diagnosis of each joint [s], and samples of it.

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
-from pfd_ros.arm.events import ARRAY, INPUTS, NAMED, STATES
+from pfd_ros.arm.events import ARRAY, INPUTS, NAMED, STATES, TRAJECTORY
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS, JOINT_UNITS
 from pfd_ros.messages.types import JOINT_STATE
@@ -93,6 +93,10 @@ class Recorded:
         """Return the messages of a role in a recording of ours, None without any."""
         return self._read.get(self._by_role.get(role, ''))
 
+    def topic_of(self, role: str) -> str:
+        """Return the topic of a role in a recording of ours, '' without messages."""
+        return self._by_role.get(role, '')
+
     def of_type(self, kind: str) -> Iterator[tuple[str, TopicArrays]]:
         """Yield the topics of a type that have messages."""
         return ((topic, x) for topic, x in self._read.items() if self.log.topics[topic] == kind)
@@ -116,13 +120,14 @@ class Recorded:
     @cached_property
     def commanded(self) -> set[str]:
         """Joints for which a command was logged."""
-        named = self.of_role(NAMED)
+        named, planned = self.of_role(NAMED), self.of_role(TRAJECTORY)
         if self.of_role(ARRAY) is not None:
             return set(self.names)
+        found = set(() if planned is None else planned.joint_names.ravel()) - {''}
         if named is None:
-            return set()
+            return found
         there = np.isfinite([getattr(named, item) for item in JOINT_FIELDS]).any(axis=(0, 1))
-        return {named.names[j] for j in np.flatnonzero(there)}
+        return found | {named.names[j] for j in np.flatnonzero(there)}
 
     @property
     def span(self) -> tuple[float, float]:

@@ -26,7 +26,7 @@ from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import ARRAY, INPUTS, NAMED, REJECTED, STATES, Message, Verdict
 from pfd_ros.arm.other_inputs import encode_changes, encode_request
 from pfd_ros.arm.settings import PER_JOINT, joint_order
-from pfd_ros.messages.cdr import STAMP, TIME
+from pfd_ros.messages.cdr import NANOSECONDS, STAMP, TIME, Reader
 from pfd_ros.messages.joints import decode_joints, encode_joints
 from pfd_ros.messages.text_and_arrays import decode_floats, decode_string, encode_floats
 from pfd_ros.recording.format import EndKey, LogError
@@ -171,7 +171,8 @@ class _Moves:
         old, new = log.settings, engine.state.first
         self._engine = engine
         self._old_ns, self._new_ns = old.step_ns, new.step_ns
-        self._restamped = old.step_ns != new.step_ns or old.start_ns != new.start_ns
+        self._later_ns = new.start_ns - old.start_ns
+        self._restamped = old.step_ns != new.step_ns or bool(self._later_ns)
         self._names, self._stepped = published_names(log), 0
 
     def begin(self, cycle: int) -> int:
@@ -191,6 +192,10 @@ class _Moves:
             data = self._reordered(data)
         if role in (NAMED, events.WRENCH) and self._restamped:
             data = data[:STAMP] + bytes(TIME.size) + data[STAMP + TIME.size :]
+        if role == events.TRAJECTORY and self._later_ns and not broke:
+            stamp_ns = Reader(data).time()
+            time = divmod(stamp_ns + self._later_ns if stamp_ns else 0, NANOSECONDS)
+            data = data[:STAMP] + TIME.pack(*time) + data[STAMP + TIME.size :]
         if role == events.REQUESTS and not broke and self._old_ns != self._new_ns:
             data = self._rescaled(data, cycle)
         if data:

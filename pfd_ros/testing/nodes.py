@@ -35,12 +35,11 @@ from rclpy.utilities import get_default_context, get_rmw_implementation_identifi
 from pfd_ros.arm.description import DescribedRobot
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import (
-    ARRAY,
     CLOCK,
     COMMANDS,
     DESCRIPTION,
     INPUTS,
-    NAMED,
+    ROLES,
     STATES,
     Message,
     Verdict,
@@ -57,7 +56,7 @@ from pfd_ros.testing.process import ControllerProcess
 from pfd_ros.text import listed, one_line
 
 # Commands of two topics at once are taken in this order, for that between topics is chance.
-ORDER = (NAMED, ARRAY)
+ORDER = tuple(role for role in ROLES if role in COMMANDS)
 # Requests of a barrier. An executor may take the first one before it has seen the message. It
 # serves the second one after the callback of the message, and the third one after the timers that
 # the callback of the clock made due. A state and its tick have a barrier each: else a callback of

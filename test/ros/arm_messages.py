@@ -24,6 +24,7 @@ from bridge import (
     encode_joints,
     encode_numbers,
     encode_request,
+    encode_trajectory,
     load_arm_robot,
 )
 
@@ -93,6 +94,13 @@ def placed(
 ) -> ArmMessage:
     """Return a state to jump to."""
     return ArmMessage('set_state', encode_joints(names, position, velocity, effort))
+
+
+def trajectory(
+    names: Sequence[str], times: Sequence[float], stamp_ns: int = 0, **values: Any
+) -> ArmMessage:
+    """Return a trajectory with points at times from the start on, s."""
+    return ArmMessage('joint_trajectory', encode_trajectory(names, times, stamp_ns, **values))
 
 
 def request(name: str, **more: int) -> ArmMessage:

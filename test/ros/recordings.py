@@ -31,7 +31,7 @@ from mcap.writer import Writer
 
 # What every run has; a test adds others.
 ROLES = (
-    *('joint_commands', 'commands', 'set_state', 'requests', 'parameters'),
+    *('joint_commands', 'commands', 'joint_trajectory', 'set_state', 'requests', 'parameters'),
     *('rejected', 'joint_states', 'clock', 'rejected_counts', 'diagnostics'),
 )
 NAMES = ('shoulder', 'elbow')

@@ -27,6 +27,7 @@ from arm_messages import (
     state,
     states,
     tick,
+    trajectory,
     verdict,
     wrench,
 )
@@ -147,6 +148,36 @@ VERDICTS: list[tuple[dict[str, Any], list[tuple[ArmMessage, str, str]]]] = [
             (named([A, B], position=[1, -1e7]), 'refused', 'position -1e+07, expected 1e+06'),
             (named([A, B], [1, 2], velocity=[1e5, 0]), 'refused', 'velocity 100000'),
             (named(['x', A], position=[1e7, 0]), 'accepted', "unknown joints ['x']"),
+        ],
+    ),
+    (
+        GAINED,
+        [
+            (trajectory([A, B], [0, 1], positions=[[0, 1], [1, 2]]), 'accepted', ''),
+            (trajectory([C], [0.1], effort=[[1]]), 'accepted', ''),
+            (trajectory([A], [1], 4_500_000_000, positions=[[1]]), 'stale', 'before a reset'),
+            (trajectory([A], [1], 10**18, positions=[[1]]), 'future', 'another clock'),
+            (trajectory([], [1]), 'no_names', 'no joint names'),
+            (trajectory([A, A], [1], positions=[[1, 1]]), 'duplicate_names', 'named twice'),
+            (trajectory([A, 'x'], [1], positions=[[1, 1]]), 'unknown_names', "arm: ['x']"),
+            (trajectory([A], []), 'malformed', 'there is no point'),
+            (trajectory([A], [1, 1], positions=[[1], [1]]), 'malformed', 'do not increase'),
+            (trajectory([A], [-1], positions=[[1]]), 'malformed', ''),
+            (trajectory([A, B], [1], positions=[[1]]), 'malformed', '1 positions, expected 2'),
+            (trajectory([A], [1], positions=[[NAN]]), 'not_finite', f"'{A}' at point 0 is nan"),
+            (trajectory([A], [1], velocities=[[0]]), 'no_effort', 'neither positions nor efforts'),
+            (
+                trajectory([A], [1], positions=[[0]], accelerations=[[0]]),
+                'no_effort',
+                'accelerations without velocities',
+            ),
+            (trajectory([A, C], [1], positions=[[1, 1]]), 'no_effort', f"positions of ['{C}']"),
+            (trajectory([A], [1], positions=[[1e7]]), 'refused', 'position 1e+07'),
+            (
+                trajectory([A], [1], positions=[[1]], velocities=[[0.1]]),
+                'refused',
+                'a velocity of the last point is not zero',
+            ),
         ],
     ),
     (
@@ -537,6 +568,120 @@ def test_the_clock_of_a_failed_arm_continues_and_a_reset_clears_the_failure() ->
     # A reset lets time leap to the next tick.
     assert run(engine, request('reset'), ms(7100), ms(7110)) == 7110
     assert not engine.state.failure
+
+
+# Trajectories.
+
+
+def knots(*shapes: np.polynomial.Polynomial, at: Sequence[float]) -> dict[str, Any]:
+    """Return positions, velocities and accelerations of functions of time at some times."""
+    names = ('positions', 'velocities', 'accelerations')
+    return {
+        name: [[shape.deriv(k)(t) for shape in shapes] for t in at] for k, name in enumerate(names)
+    }
+
+
+# A cubic and a quintic that end at rest after half a second.
+REST = np.polynomial.Polynomial([-0.5, 1.0])
+CUBIC = 0.2 + 3.0 * REST**2 + REST**3
+QUINTIC = 0.1 + 2.0 * REST**3 - 4.0 * REST**4 + REST**5
+
+
+@pytest.mark.parametrize(
+    ('shapes', 'kinds'),
+    [
+        ((np.polynomial.Polynomial([0.3, 0.5]), np.polynomial.Polynomial([-0.2, -1.0])), 1),
+        ((CUBIC, -CUBIC), 2),
+        ((QUINTIC, QUINTIC + CUBIC), 3),
+    ],
+    ids=['linear', 'cubic', 'quintic'],
+)
+def test_targets_between_points_are_the_polynomial_of_their_degree(shapes, kinds: int) -> None:
+    times = [0.0, 0.07, 0.3, 0.5]
+    values = dict(list(knots(*shapes, at=times).items())[:kinds])
+    engine = made(**SERVO, **START)
+    engine.step([trajectory(NAMES, times, **values)], run=False)
+    for k in range(500):
+        engine.step()
+        targets = engine.state.acting[2:]
+        wanted = [[shape.deriv(d)(k * 1e-3) for shape in shapes] for d in range(2)]
+        np.testing.assert_allclose(targets, wanted, rtol=0, atol=1e-12)
+    engine.step()
+    np.testing.assert_array_equal(
+        engine.state.acting[2:], [[shape(0.5) for shape in shapes], [0, 0]]
+    )
+
+
+def test_the_arm_moves_from_its_state_to_the_first_point_and_holds_the_last() -> None:
+    engine = made(**SERVO, **START, **WEIGHTLESS)
+    plan = trajectory(('elbow',), [0.2], positions=[[0.4]])
+    near = states(engine, plan, cycles=600)
+    assert [x.position[0] for x in near] == [START['initial_positions'][0]] * 600  # braked
+    targets = -0.2 + (0.4 + 0.2) * np.arange(200) / 200
+    elbow = np.array([x.position[1] for x in near])
+    assert np.abs(elbow[:200] - targets).max() < 0.15
+    assert abs(elbow[-1] - 0.4) < 1e-3
+    with_stamp = made(**SERVO, **START, **WEIGHTLESS)
+    later = states(
+        with_stamp, trajectory(('elbow',), [0.1], 100_000_000, positions=[[0.4]]), cycles=600
+    )
+    assert [x.position.tolist() for x in later] == [x.position.tolist() for x in near]
+
+
+def test_efforts_are_linear_between_points_need_no_gains_and_stay() -> None:
+    engine = made(**UNLIMITED)
+    plan = trajectory(NAMES, [0.0, 0.004, 0.006], effort=[[1, 2], [5, 2], [0, 0]])
+    found = taus(engine, 10, plan)
+    assert found[:6] == [[1, 2], [2, 2], [3, 2], [4, 2], [5, 2], [2.5, 1]]
+    assert found[6:] == [[0, 0]] * 4
+
+
+PLANNED = trajectory(NAMES, [1.0], positions=[[1.0, 1.0]])
+
+
+@pytest.mark.parametrize(
+    'event',
+    [
+        PUSH,
+        named(['elbow'], [1.0]),
+        placed(NAMES, [0.0, 0.0]),
+        request('reset'),
+        request('deactivate'),
+        trajectory(['elbow'], [0.0], effort=[[1.0]]),
+    ],
+    ids=['array', 'named', 'jump', 'reset', 'deactivate', 'another'],
+)
+def test_a_trajectory_ends_with_the_next_command_a_jump_a_reset_and_a_stop(event) -> None:
+    engine = made(**SERVO, **START)
+    states(engine, PLANNED, cycles=100)
+    before = engine.state.newest[2].copy()
+    engine.step([event])
+    for _ in range(20):
+        engine.step([request('activate')])
+        target = engine.state.newest[2]
+        assert all(np.isnan(target) | (target == before))
+
+
+def test_a_sample_is_lost_delayed_and_seen_by_the_watchdog_as_a_command_is() -> None:
+    engine = made(**SERVO, **START, delay_commands=0.005, drop_commands=0.5, command_timeout=0.1)
+    states(engine, PLANNED, cycles=400)
+    assert engine.state.timeouts == 0
+    assert 100 < engine.state.lost < 300
+    target = engine.state.acting[2, 0]
+    assert 0.3 + 0.7 * 0.37 < target < 0.3 + 0.7 * 0.3951
+
+
+def test_in_lockstep_the_arm_waits_for_an_answer_from_the_last_point_on() -> None:
+    engine = made(**SERVO, **START, lockstep=True, wait_for_controller=True)
+    assert engine.waiting
+    engine.step([trajectory(NAMES, [0.02], positions=[[0.5, 0.0]])])
+    cycles = 1
+    while not engine.waiting:
+        engine.step()
+        cycles += 1
+    assert cycles == 20
+    engine.step([PUSH])
+    assert engine.state.trajectory is None
 
 
 # The link: watchdog, delay, drop-out.

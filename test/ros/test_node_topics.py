@@ -126,6 +126,23 @@ def test_every_kind_of_command_is_answered_as_the_rules_say(arm: Running) -> Non
     peer.node.destroy_subscription(rejected)
 
 
+def test_a_trajectory_of_efforts_moves_the_arm_from_point_to_point(arm: Running) -> None:
+    from builtin_interfaces.msg import Duration
+    from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+    peer, topic = arm.peer, '/sim_arm/joint_trajectory'
+    publisher = peer.node.create_publisher(JointTrajectory, topic, 1)
+    peer.wait(publisher.get_subscription_count)
+    points = [
+        JointTrajectoryPoint(effort=[effort] * 6, time_from_start=Duration(nanosec=at * 10**8))
+        for at, effort in ((1, 1.0), (3, 0.25))
+    ]
+    publisher.publish(JointTrajectory(joint_names=list(JOINTS), points=points))
+    peer.wait(lambda: peer.states[-1].effort.tolist() == [0.25] * 6)
+    efforts = np.array([state.effort[0] for state in peer.states])
+    assert ((efforts > 0.3) & (efforts < 0.95)).any()
+
+
 def test_a_joint_without_a_command_is_braked_and_a_reset_brakes_all(arm: Running) -> None:
 
     peer = arm.peer

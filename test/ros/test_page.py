@@ -16,7 +16,7 @@ import re
 from typing import Any
 import zlib
 
-from arm_messages import change, efforts, named, placed, request
+from arm_messages import change, efforts, named, placed, request, trajectory
 from bridge import (
     PAGE_TYPES,
     PageMoment,
@@ -230,6 +230,30 @@ def test_commanded_positions_are_the_reference_of_a_joint(tmp_path: Path) -> Non
     assert elbow[5:-5] == pytest.approx(wanted[5:-5], abs=0.005)
     lines = re.findall('<li>(.*?)</li>', page.html)
     assert any(line.startswith('elbow: follows its reference within 0.0') for line in lines), lines
+
+
+def test_points_of_trajectories_are_drawn_up_to_the_next_and_feed_the_watchdog(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / 'a.mcap'
+    first = trajectory(('elbow', 'shoulder'), [0.1, 0.3], positions=[[0.1, 0.0], [0.2, 0.05]])
+    events = {
+        101: [first],
+        301: [trajectory(('shoulder',), [0.5], 250_000_000, positions=[[0.0]], effort=[[1.0]])],
+    }
+    servo = {'servo_p': (300.0, 300.0), 'servo_d': (60.0, 15.0), 'gravity_compensation': True}
+    simulate(path, 2000, events, command_timeout=0.05, **servo, **FREE)
+    page = shown(path)
+    position, effort = (x for x in page.plots if x.title.startswith('commanded points'))
+    assert position.source == '/sim_arm/joint_trajectory'
+    assert position.labels == effort.labels == ('elbow', 'shoulder')
+    assert position.time == pytest.approx([0.201, 0.75], abs=1e-3)
+    assert position.values[0].tolist() == [0.1, 0.0]
+    assert np.isnan(position.values[1, 0])
+    assert position.values[1, 1] == 0.0
+    assert effort.values[:, 1].tolist()[-1] == 1.0
+    assert not {'watchdog', 'rejected input'} & {finding.kind for finding in page.findings}
+    assert 'shoulder: never commanded' not in page.html
 
 
 # Logs of other programs.

@@ -27,6 +27,7 @@ from arm_messages import (
     placed,
     request,
     tick,
+    trajectory,
     wrench,
 )
 from bridge import (
@@ -116,8 +117,8 @@ def test_the_recordings_have_several_arms_all_inputs_and_every_reason_to_refuse_
     found = [summarize_log(path) for path in LOGS]
     assert len({summary.log.settings.robot for summary in found}) >= 3
     counts = sum((summary.counts for summary in found), Counter())
-    # An arm that follows no clock takes no ticks.
-    assert counts.keys() & INPUTS == INPUTS - {'clock_ticks'}
+    # An arm that follows no clock takes no ticks; trajectories are newer than the recordings.
+    assert counts.keys() & INPUTS == INPUTS - {'clock_ticks', 'joint_trajectory'}
     rules = {kind.split()[1] for summary in found for kind in summary.rejected}
     assert rules == {
         *('malformed', 'no_names', 'ragged', 'infinite', 'stale', 'duplicate_names'),
@@ -140,6 +141,8 @@ def events(rng: random.Random, run: Run) -> list[ArmMessage]:
         lambda: named(NAMES, numbers),
         lambda: named((one,), (rng.gauss(0, 5),), stamp_ns=rng.randrange(10**9)),
         lambda: named(NAMES, (), [rng.random() for _ in NAMES]),
+        lambda: trajectory(NAMES, [0.0, rng.random()], effort=[numbers, numbers[::-1]]),
+        lambda: trajectory((one,), [0.01, 0.1], rng.randrange(10**9), positions=[[1], [0]]),
         lambda: named(NAMES, [NAN, 1.0]),
         lambda: named(NAMES, [NAN, NAN]),
         lambda: named((), ()),

@@ -11,7 +11,16 @@ import re
 import shutil
 from typing import Any
 
-from arm_messages import UNLIMITED, change, efforts, named, placed, request, tick
+from arm_messages import (
+    UNLIMITED,
+    change,
+    efforts,
+    named,
+    placed,
+    request,
+    tick,
+    trajectory,
+)
 import bridge
 from bridge import (
     LogError,
@@ -220,6 +229,16 @@ def test_stamped_answers_act_in_other_steps_and_at_other_times(
     assert len(taken) == 200
     # Steps of 2 ms take every other one of these efforts.
     assert '0.002' in words[0] or max(numbers(found, 'position')) < 1e-9
+
+
+@pytest.mark.parametrize('stamp_ns', [0, 1_050_000_000])
+def test_a_trajectory_starts_as_much_later_as_the_run(stamp_ns: int, tmp_path: Path) -> None:
+    plan = trajectory(NAMES, [0.05, 0.2], stamp_ns, positions=[[0.1, 0.2], [0.3, 0.0]])
+    servo = {'servo_p': (300.0, 300.0), 'servo_d': (60.0, 15.0)}
+    simulate(tmp_path / 'a.mcap', 300, {20: [plan]}, start_time=1.0, **servo)
+    found = what_if(tmp_path / 'a.mcap', ['start_time=7'])
+    assert not found.rejected
+    assert {(item.largest, item.first_at) for item in found.divergences} == {(0.0, None)}
 
 
 def test_steps_on_request_take_the_time_that_they_took(tmp_path: Path) -> None:

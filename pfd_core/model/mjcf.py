@@ -42,6 +42,7 @@ FLAGS = {
     'FRICTIONLOSS': ('friction', 'dof_frictionloss'),
     'LIMIT': ('limits', 'jnt_limited'),
 }
+OTHERS = ('CONTACT', 'GRAVITY')
 LONGEST_REASON = 800
 _add = ElementTree.SubElement
 
@@ -120,40 +121,31 @@ def _weighed_meshes(mujoco: Any, spec: Any) -> list[str]:
 
 def _lost(mujoco: Any, model: Any) -> Iterator[str]:
     """Yield what a model has and a URDF lacks."""
-    arrays = {
-        'springs of joints': ('jnt_stiffness', 'jnt_stiffnesspoly'),
-        'damping that is not linear': ('dof_dampingpoly',),
-        'armature and damping of actuators': ('actuator_armature', 'actuator_damping'),
-        'gravity compensation of bodies': ('body_gravcomp',),
-    }
-    for what, names in arrays.items():
+    off = {name for name in ('CONSTRAINT', *FLAGS, *OTHERS) if _is_off(mujoco, model, name)}
+    # Friction and limits are constraints to MuJoCo.
+    off |= {'FRICTIONLOSS', 'LIMIT', 'CONTACT'} if 'CONSTRAINT' in off else set()
+
+    def has(*names: str) -> bool:
         # Older versions lack some of them.
-        if any(np.any(getattr(model, name, 0.0)) for name in names):
-            yield what
-    if model.ntendon:
-        yield 'tendons'
-    if model.neq > len(_equalities(mujoco, model)[0]):
-        yield 'equality constraints'
-    off = {name: _is_off(mujoco, model, name) for name in ('CONSTRAINT', *FLAGS)}
-    ignored = [
-        what
-        for name, (what, array) in FLAGS.items()
-        if (off[name] or (off['CONSTRAINT'] and name != 'DAMPER'))
-        and np.any(getattr(model, array))
-    ]
-    if ignored:
-        yield f'flags that switch off {" and ".join(ignored)}'
-    if not (off['CONSTRAINT'] or _is_off(mujoco, model, 'CONTACT')) and np.any(
-        (model.geom_contype | model.geom_conaffinity)[model.body_weldid[model.geom_bodyid] > 0]
-    ):
-        yield 'contacts'
-    if model.opt.density or model.opt.viscosity:
-        yield 'the fluid'
-    gravity = model.opt.gravity.tolist()
-    if _is_off(mujoco, model, 'GRAVITY'):
-        gravity = [0.0, 0.0, 0.0]
-    if tuple(gravity) != GRAVITY:
-        yield f'gravity {gravity}, which a scene sets'
+        return any(np.any(getattr(model, name, 0.0)) for name in names)
+
+    ignored = [what for name, (what, array) in FLAGS.items() if name in off and has(array)]
+    gravity = [0.0, 0.0, 0.0] if 'GRAVITY' in off else model.opt.gravity.tolist()
+    moving = model.body_weldid[model.geom_bodyid] > 0
+    collides = np.any((model.geom_contype | model.geom_conaffinity)[moving])
+    facts = {
+        'springs of joints': has('jnt_stiffness', 'jnt_stiffnesspoly'),
+        'damping that is not linear': has('dof_dampingpoly'),
+        'armature and damping of actuators': has('actuator_armature', 'actuator_damping'),
+        'gravity compensation of bodies': has('body_gravcomp'),
+        'tendons': model.ntendon > 0,
+        'equality constraints': model.neq > len(_equalities(mujoco, model)[0]),
+        f'flags that switch off {" and ".join(ignored)}': bool(ignored),
+        'contacts': 'CONTACT' not in off and collides,
+        'the fluid': model.opt.density > 0 or model.opt.viscosity > 0,
+        f'gravity {gravity}, which a scene sets': tuple(gravity) != GRAVITY,
+    }
+    yield from (what for what, is_there in facts.items() if is_there)
     kinds: dict[str, list[int]] = {}
     for k, turns in enumerate(model.actuator_trntype):
         if turns > IN_PARENT:

@@ -620,7 +620,8 @@ def test_what_is_missing_before_the_first_state_is_named(
 ) -> None:
     from rclpy.executors import SingleThreadedExecutor
 
-    alone = r'nobody publishes commands on /joint_commands or /sim_arm/commands; nobody subscribes'
+    topics = '/joint_commands or /sim_arm/commands or /sim_arm/joint_trajectory'
+    alone = f'nobody publishes commands on {topics}; nobody subscribes'
     with ur5() as arm, pytest.raises(NoAnswerError, match=alone):
         arm.spin(0.1, start_patience=0.4)
     node, executor = controller_of(), SingleThreadedExecutor()

@@ -18,8 +18,8 @@ To change or add
 
     an effect of a joint    an Effect in model.effects.EFFECTS and a field of model.scene.Scene.
                             An effect on motors also needs its torque in dynamics.drives; dry
-                            friction its law in simulation.dry.Law.size and
-                            simulation.dry.Law.bound. An effect that depends on the torque of the
+                            friction its law in simulation.dry: has_contact, Law.size, Law.bound,
+                            Law.rough. An effect that depends on the torque of the
                             motor acts over a step, as load_friction there
     rotor inertia           config/robots/*.yaml, read by model.yaml_files (_losses); of a URDF by
                             model.urdf (_armature); estimated by model.rotors; acts with
@@ -34,7 +34,9 @@ To change or add
     what a kernel compiles  kernels.compile.compile_kernel -> kernels.spec.KernelSpec ->
                             kernels.recipes.recipe_of, which records a program of dynamics ->
                             kernels.lower.lower -> kernels.generate.kernel_functions ->
-                            kernels.native.compile_kept; called through kernels.kernel.Kernel
+                            kernels.native.compile_kept; called through kernels.kernel.Kernel,
+                            which compiles when it is made. A program is recorded and lowered
+                            only if its native code is not on disk (Recipe.compile)
     sine and cosine         kernels.sines
     threads of batches      kernels.threads: thread_count, block_size
 

@@ -40,20 +40,24 @@ To change or add
                             test/ros/test_conventions.py
     NaN in a command        arm.commands.named: some keep the last value; if all are NaN, the
                             message is refused quietly as all_nan, which /diagnostics alone counts.
-                            arm.commands.array: refused as not_finite
+                            arm.commands.array and arm.trajectory: refused as not_finite
     a rejected command      refused in arm.commands; recorded, and published on ~/rejected, by
-                            arm.engine.Engine; counted for users in node.report.Report.count: log
-                            lines (node.report.report_arm), /diagnostics (node.diagnostics), the
-                            last line of a run (node.report.summary)
+                            arm.engine.Engine; counted for users in node.report.Report.count,
+                            which node.sim_arm hands to the inbox: log lines
+                            (node.report.report_arm), /diagnostics (node.diagnostics), the last
+                            line of a run (node.report.summary)
     log lines, diagnostics  node.report, node.diagnostics
     metadata of recordings  recording.format.HeadKey and recording.format.EndKey; written by
                             recording.recorder.Recorder, from recording.provenance.versions and
                             recording.recorder.totals_of; read by recording.log.Log (for replay)
                             and recording.arrays.read_log (for page.page and recording.facts)
-    what-if                 cli.logs -> replay.what_if.what_if: changes of the arm in
-                            replay.changed_settings, inputs in replay.inputs (of a bag in
-                            replay.bag_inputs), the new file by recording.recorder, both motions
-                            by replay.compare.aligned
+    what-if                 cli.logs._what_if -> replay.what_if.what_if: the changes by
+                            replay.changed_settings.read_changes; the arm and the inputs by
+                            _of_recording and replay.inputs.recorded_inputs (of a bag in
+                            replay.bag_inputs); the run by _recorded_run, where
+                            replay.inputs.run_inputs steps the engine (with a controller
+                            testing.again) and recording.recorder.Recorder writes the new file;
+                            both motions by replay.compare.aligned
     a check of a page       page.findings.find, fed by page.recorded.Recorded
     what `pfd view` draws   view.arm.Stage and view.loads; from a new topic also a Source in
                             view.loads, view.logged.ShownLog and view.live.Shown

@@ -68,13 +68,15 @@ def _robots(_: argparse.Namespace) -> int:
     import pfd_core as pfd
 
     fields = [field for effect in pfd.EFFECTS for field in effect.fields if field.from_model]
+    absent = ''
     for name in (*pfd.known_robots(), *pfd.known_robots(described=True)):
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter('ignore', pfd.PhysicsWarning)
                 robot = pfd.load_robot(name)
         except ValueError as error:
-            print(f'{name:10s} {error}')
+            print(f'{name:10s} {str(error).partition(". Get one")[0]}')
+            absent = name
             continue
         print(f'{name:10s} {robot.n} joints: {", ".join(robot.joint_names)}')
         # A description may state zeros.
@@ -85,6 +87,8 @@ def _robots(_: argparse.Namespace) -> int:
         found = ', '.join(filter(has.get, has)) + (lacks and f'; none for {lacks}')
         file = pfd.find_description(name)
         print(f'{"":10s} values for {found}' + (f'\n{"":10s} {file}' if file else ''))
+    if absent:
+        print(f'\n`pfd urdf {absent}` says how to get it, and so for each')
     return 0
 
 

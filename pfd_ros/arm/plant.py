@@ -47,6 +47,7 @@ COMPENSATED = {
     'friction': 'coulomb_scale',
     'static_friction': 'coulomb_scale',
 }
+_FIELDS = {field.name: field for field in EFFECT_FIELDS}
 
 
 class Plant(NamedTuple):
@@ -60,7 +61,7 @@ class Plant(NamedTuple):
     inputs: Mapping[str, pfd.Payload | None]
     # Mass, center and inertia (xx, xy, xz, yy, yz, zz) of the payload, () without one.
     payload: tuple[float, ...]
-    # Friction that the drives compensate, by field: damping and friction, (n,).
+    # Friction that the drives compensate, by field, (n,), and its stribeck_velocity.
     friction: Mapping[str, NDArray[Any]]
 
     @property
@@ -118,6 +119,11 @@ class Plants:
             sliding, resting = left['friction'], left['static_friction']
             left['static_friction'] = np.where(np.isnan(resting), sliding, resting)
         taken = {name: x * share for name, (x, share) in found.items()}
+        speed = _FIELDS['stribeck_velocity'].resolved(self._robot, scene.stribeck_velocity)
+        if 'static_friction' in taken and speed is not None:
+            resting = taken['static_friction']
+            taken['static_friction'] = np.where(np.isnan(resting), taken['friction'], resting)
+            taken['stribeck_velocity'] = speed
         return replace(scene, **left), taken
 
     def _of_code(self, scene: pfd.Scene) -> pfd.Scene:
@@ -226,12 +232,11 @@ def _friction(
 ) -> dict[str, tuple[NDArray[Any], NDArray[Any]]]:
     """Return the friction of a scene and the share that drives compensate, (n,), by field."""
     rows = {row.field: row for row in PER_JOINT if row.field in SCALES}
-    fields = {field.name: field for field in EFFECT_FIELDS}
     found = {}
     for name, setting in COMPENSATED.items():
         shares = joint_values(rows[setting], settings, robot, order.tolist())
         if any(shares):
-            numbers = fields[name].resolved(robot, getattr(scene, name))
+            numbers = _FIELDS[name].resolved(robot, getattr(scene, name))
             if numbers is not None:
                 found[name] = numbers, in_model_order(shares, order)
     return found

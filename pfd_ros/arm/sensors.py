@@ -6,8 +6,8 @@ Each kind of number (position, velocity, effort) is
 
     measured = quantized(true value, delay.state ago + bias + noise)
 
-The true effort is the commanded one within the limits, or with `state_effort` torque or current
-the torque of the motor: with the gravity torque and the friction that drives add, and divided by
+The true effort is the commanded one within the limits. With `state_effort` torque it has the
+gravity torque that drives add, with current also the friction that they compensate, divided by
 `torque_constant`. At rest friction adds nothing.
 
 Velocities have a separate quantization and are not differences of positions. The stamp of a state
@@ -85,9 +85,18 @@ class Sensors:
             self._gravity()
             torque = effort + self._added
         if self._shown == 'current':
-            viscous, coulomb = (self._friction.get(x, 0.0) for x in ('damping', 'friction'))
-            torque = (torque + viscous * qd + coulomb * np.sign(qd)) / self._constants
+            torque = (torque + self._compensated(qd)) / self._constants
         return torque
+
+    def _compensated(self, qd: NDArray[Any]) -> NDArray[Any]:
+        """Return the torques (n,) by which drives compensate friction; docs/notation.md."""
+        given = self._friction
+        dry = given.get('friction', np.zeros(len(qd)))
+        if 'stribeck_velocity' in given:
+            more = given['static_friction'] - dry
+            dry = dry + more / (1.0 + (qd / given['stribeck_velocity']) ** 2)
+        compensated: NDArray[Any] = given.get('damping', 0.0) * qd + dry * np.sign(qd)
+        return compensated
 
     def drops(self, state: State) -> bool:
         """Return whether the state of this cycle is not published."""

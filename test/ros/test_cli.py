@@ -459,14 +459,17 @@ def test_robots_lists_each_robot_and_the_version_is_that_of_the_library(
     assert command('--version') == (0, f'pfd {pfd.__version__}\n', '')
     status, printed, _ = command('robots')
     assert status == 0
-    heads = [line for line in printed.splitlines() if not line.startswith(' ')]
+    table, _, remedy = printed.partition('\n\n')
+    heads = [line for line in table.splitlines() if not line.startswith(' ')]
     names = [*pfd.known_robots(), *pfd.known_robots(described=True)]
     assert [line.split()[0] for line in heads] == names
     assert any('6 joints: joint1, joint2' in line for line in heads)
     assert (
         'values for joint_limits, effort_limits; none for damping, armature, friction' in printed
     )
-    assert any('apt install ros-jazzy-ur-description' in line for line in heads)
+    (absent,) = re.findall('pfd urdf (\\w+)', remedy)
+    status, _, said = command('urdf', absent)
+    assert (status, 'Get one: ' in said) == (1, True)
     # Of example-robot-data, which pip installs.
     assert re.search(r'^xarm7 .*joint7\n .*none for armature\n .*xarm7\.urdf$', printed, re.M)
 

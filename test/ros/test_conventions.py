@@ -406,12 +406,16 @@ def test_efforts_of_states_are_as_the_driver_publishes_them(convention: str) -> 
     assert usual == {'ur': 'command', 'franka': 'torque'}[convention]
 
 
-def test_the_current_is_that_of_the_compensated_friction_too() -> None:
-    engine = rubbing('ur', state_effort='current', torque_constant=(2.0,) * 6, gravity=(0.0,) * 3)
+@pytest.mark.parametrize('resting', [8.0, 20.0])
+def test_the_current_is_that_of_the_compensated_friction_too(resting: float) -> None:
+    chosen = {'static_friction': (resting,) * 6, 'stribeck_velocity': (0.3,) * 6}
+    chosen |= {'state_effort': 'current', 'torque_constant': (2.0,) * 6, 'gravity': (0.0,) * 3}
+    engine = rubbing('ur', **chosen)
     engine.step([placed(engine.names, POSES['ur'][0], joint(engine, 0, 0.5)), zeros(engine)])
     found = commanded(engine, 1)[-1]
     speed = found.velocity[0]
-    assert found.effort[0] == pytest.approx((0.9 * 12.0 * speed + 0.8 * 8.0) / 2.0, rel=1e-12)
+    dry = 8.0 + (resting - 8.0) / (1.0 + (speed / 0.3) ** 2)
+    assert found.effort[0] == pytest.approx((0.9 * 12.0 * speed + 0.8 * dry) / 2.0, rel=1e-12)
 
 
 @of('franka', 'external torques', 'joint_reflex')

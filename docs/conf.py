@@ -21,7 +21,7 @@ release = __version__
 html_title = f'pfd_ros {release}'
 
 extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon']
-source_suffix = {'.md': 'markdown'}
+source_suffix = {'.md': 'markdown', '.rst': 'restructuredtext'}
 # Anchors of headings, as GitHub has them.
 myst_heading_anchors = 4
 # Quotes and dashes as written: most of them are in commands.

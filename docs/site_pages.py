@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pages of the site from files that are read elsewhere too: README.md, CHANGELOG.md, guides.
+"""Pages of the site from files that are read elsewhere too: README.md and guides.
 
 In a page of docs/ a line such as
 
@@ -29,7 +29,6 @@ LINK = re.compile(r'(?<=\]\()([^)\s#]+)')
 # Files and folders, and their pages.
 PAGES = {
     'README.md': 'index.md',
-    'CHANGELOG.md': 'changelog.md',
     'config/sim_arm.yaml': 'reference/parameters.md',
     'docs/guides': 'index.md',
     'docs/decisions': 'decisions/index.md',

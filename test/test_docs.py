@@ -26,7 +26,7 @@ from tolerances import DYNAMICS
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / 'docs'
-PAGES = sorted([ROOT / 'README.md', ROOT / 'CHANGELOG.md', *DOCS.rglob('*.md')])
+PAGES = sorted([ROOT / 'README.md', *DOCS.rglob('*.md')])
 
 
 def name_of(path: Path) -> str:

@@ -336,6 +336,7 @@ def test_each_arm_moves_as_a_simulator_with_its_bodies(names: list[str], refine:
             np.testing.assert_allclose(row, right, rtol=0, atol=ROUNDING * np.abs(right).max())
 
 
+@pytest.mark.usefixtures('folder')
 def test_256_arms_that_all_differ_need_one_compilation_and_other_values_none(
     emitted: list[str],
 ) -> None:

@@ -522,6 +522,20 @@ def test_package_xml_and_setup_py_agree() -> None:
     assert manifest.findtext('version') == pfd.__version__
 
 
+@pytest.mark.filterwarnings('ignore::DeprecationWarning')  # of docutils, in catkin_pkg
+def test_the_changelog_is_one_that_a_release_for_ros_reads() -> None:
+    changelog = pytest.importorskip('catkin_pkg.changelog')  # comes with colcon-ros
+    text = (ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8')
+    heading = f'{pfd.__version__} (2026-11-27)'
+    text = re.sub(
+        '^Forthcoming\n-+$', f'{heading}\n{"-" * len(heading)}', text, flags=re.MULTILINE
+    )
+    found = changelog.populate_changelog_from_rst(changelog.Changelog('pfd_ros'), text)
+    ((version, _, content),) = found.foreach_version()
+    assert version == pfd.__version__
+    assert 'pfd sim' in str(content[0])
+
+
 USED = """
 import sys
 assert pfd.__file__.startswith(sys.path[1]), pfd.__file__

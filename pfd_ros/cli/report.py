@@ -64,6 +64,10 @@ def _report(given: argparse.Namespace) -> int:
     if given.what == 'log' and given.controller and given.pytest is None:
         print('pfd report: --controller requires --pytest', file=sys.stderr)
         return 2
+    if given.what == 'log' and given.pytest and (given.start, given.end) != (None, None):
+        # Its test takes the whole log.
+        print('pfd report: --pytest conflicts with --start and --end', file=sys.stderr)
+        return 2
     out = given.out
     if out is None and given.pytest is None:
         out = Path(f'{given.log.absolute().name.removesuffix(".mcap")}.html')

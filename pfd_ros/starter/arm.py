@@ -4,17 +4,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+import yaml
 
 import pfd_core as pfd
 from pfd_ros.arm.description import DescribedRobot, described_robot, parsed_urdf
-from pfd_ros.arm.settings import PER_JOINT, Settings, joint_order, joint_values
+from pfd_ros.arm.plant import scene_of
+from pfd_ros.arm.plant_settings import EFFECT_FIELDS
+from pfd_ros.arm.settings import FIELDS, Settings, joint_order
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.types import JOINT_STATE, STRING
 from pfd_ros.recording.arrays import COUNT, LogArrays, read_log, renamed
@@ -31,6 +34,8 @@ GUESS = 'estimated: 0.035 s * effort limit / velocity limit'
 # Other settings of an arm.
 PLAIN = ['base_link', 'tip_link', 'locked', 'locked_positions', 'gravity', 'step_size']
 PLAIN += ['publish_rate', 'joint_limits', 'initial_positions']
+# Those that name the arm and the recording.
+RUN = {'robot', 'xacro_args', 'joints', 'scene', 'recording'}
 
 
 class Arm(NamedTuple):
@@ -70,6 +75,10 @@ def arm_of(source: str | None, log: Path | None, tip: str, rename: Mapping[str, 
             given |= {'tip_link': recorded.robot.tip, 'locked': (), 'locked_positions': ()}
         if tip not in ('', recorded.robot.tip):
             raise ValueError(f'--tip must be that of {name}, {recorded.robot.tip!r}, got {tip!r}')
+        scene = scene_of(recorded.settings, np.arange(recorded.robot.n))
+        gravity = np.zeros(3) if scene.gravity is None else np.asarray(scene.gravity, float)
+        given['gravity'] = tuple(gravity.tolist())
+        given['joint_limits'] = scene.joint_limits is not None
         settings = replace(settings, **given | {'initial_positions': ()})
     else:
         assert arrays is not None
@@ -88,8 +97,7 @@ def arm_of(source: str | None, log: Path | None, tip: str, rename: Mapping[str, 
     sources |= dict.fromkeys(PLAIN, label)
     if recorded is not None:
         numbers, start = _recorded(recorded.settings, robot)
-        taken = ', '.join([*PLAIN, *NUMBERS])
-        notes += (f'of the settings of {name}, which pfd info prints, these are taken: {taken}',)
+        notes += tuple(_said(recorded.settings, name))
     else:
         stated = any(line.startswith('initial_positions') for line in found.taken)
         sources |= {
@@ -130,12 +138,26 @@ def _recorded(
 ) -> tuple[dict[str, NDArray[Any]], dict[str, float]]:
     """Return the numbers of a recorded arm, and its start by joint."""
     order, numbers = joint_order(settings.joints, robot), {}
-    for row in PER_JOINT:
-        if row.name in NUMBERS:
-            numbers[row.name] = np.empty(robot.n)
-            numbers[row.name][list(order)] = joint_values(row, settings, robot, order)
+    scene = scene_of(settings, np.array(order))
+    for field in EFFECT_FIELDS:
+        if field.name in NUMBERS:
+            value = field.resolved(robot, getattr(scene, field.name))
+            numbers[field.name] = np.zeros(robot.n) if value is None else value
     names = (robot.joint_names[i] for i in order)
     return numbers, dict(zip(names, settings.initial_positions, strict=False))
+
+
+def _said(settings: Settings, name: str) -> Iterator[str]:
+    """Yield which settings of a recording its package has, and which of the others are given."""
+    taken = [*PLAIN, *NUMBERS]
+    yield f'of the settings of {name}, which pfd info prints, these are taken: {", ".join(taken)}'
+    given = {row.name: getattr(settings, row.field) != row.default for row in FIELDS}
+    other = [x for x in given if given[x] and x not in {*taken, *RUN}]
+    if settings.scene:
+        stated = yaml.safe_load(settings.scene)
+        other += [f'{x} of its scene' for x in stated if stated[x] and x not in taken]
+    if other:
+        yield f'these are not: {", ".join(other)}'
 
 
 def _described(log: LogArrays) -> str:

@@ -8,6 +8,7 @@ what no simulation computes, and the log of another arm, is tested as it was rec
 
 from __future__ import annotations
 
+from importlib.machinery import PathFinder
 import os
 from pathlib import Path
 import re
@@ -62,16 +63,22 @@ TEST = """# {about}
 # Written by `pfd report log --pytest`, which saw it fail.
 # {hint}
 
-from pathlib import Path
+{imports}
+from pfd_ros.testing import {used}
 
-{given}from pfd_ros.testing import {used}
+HERE = Path(__file__).resolve().parent
+LOG = HERE / {log!r}
+{controller}
 
-LOG = Path(__file__).resolve().parent / {log!r}
 
 
 def test_{name}({fixture}):
     {body}
 """
+# The seconds in which a test is to end.
+PATIENCE = 600.0
+# Pytest without the current folder on its path, as other calls of it are.
+PYTEST = 'import sys; del sys.path[0]; import pytest; sys.exit(pytest.main(sys.argv[1:]))'
 
 
 def write_test(run: Recorded, file: Path, controller: str = '', robot: str = '') -> list[str]:
@@ -122,7 +129,7 @@ def _source(
     more = f', robot={named!r}' if robot and not simulated else ''
     code = code.format(kind=first.kind, joint=first.joint, robot=more)
     if simulated:
-        given = f', controller={attribute}' if controller else ''
+        given = ', controller=CONTROLLER' if controller else ''
         body = ["run = tmp_path / 'run.mcap'", f'motion = replayed(LOG, run{given})', code]
         body += ['assert not motion.stopped']
     else:
@@ -130,13 +137,23 @@ def _source(
             f'motion = recorded(LOG, {first.joint!r}{more})' if 'motion' in code else 'run = LOG'
         )
         body = [begin, code]
+    folder, imports, beside = file.parent.resolve(), ['from pathlib import Path'], ''
+    if controller:
+        called = f'import_module({module!r}).{attribute}'
+        imports.insert(0, 'from importlib import import_module')
+        others = [x for x in sys.path if Path(x).resolve() != Path.cwd()]
+        if PathFinder.find_spec(module.partition('.')[0], others) is None:
+            imports.append('import sys')
+            way = os.path.relpath(Path.cwd(), folder)
+            beside = f'sys.path.insert(0, str(HERE / {way!r}))\n'
     used = [name for name in ('findings', 'recorded', 'replayed') if f'{name}(' in str(body)]
     return TEST.format(
         about=f'{one_line(log.name)}: {said}',
         hint=HINTS[bool(controller)] if simulated else 'It reads the log: record it again.',
-        given=f'from {module} import {attribute.partition(".")[0]}\n\n' if controller else '',
+        imports='\n'.join(imports) + '\n',
+        controller=f'{beside}CONTROLLER = {called}\n' if controller else '',
         used=', '.join(used),
-        log=os.path.relpath(log.resolve(), file.parent.resolve()),
+        log=os.path.relpath(log.resolve(), folder),
         name=re.sub('[^a-z0-9]+', '_', f'{first.kind} {first.joint}'.lower()).strip('_'),
         fixture='tmp_path' if simulated else '',
         body='\n    '.join(dict.fromkeys(body)),
@@ -145,13 +162,17 @@ def _source(
 
 def _failure(file: Path) -> str:
     """Run a test; return in one line how it fails, '' if it passes."""
-    done = subprocess.run(
-        [sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', '-rfE', str(file)],
-        env={**os.environ, 'PYTHONDONTWRITEBYTECODE': '1', 'COLUMNS': '1000'},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    try:
+        done = subprocess.run(
+            [sys.executable, '-c', PYTEST, '-q', '-p', 'no:cacheprovider', '-rfE', str(file)],
+            env={**os.environ, 'PYTHONDONTWRITEBYTECODE': '1', 'COLUMNS': '1000'},
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=PATIENCE,
+        )
+    except subprocess.TimeoutExpired:
+        return f'it has not ended after {PATIENCE:g} s'
     line = re.search(r'^(?:FAILED|ERROR) .*?\.py\S*(?: - )?(.*)', done.stdout, re.MULTILINE)
     if done.returncode and line is None:
         return one_line(f'pytest ends with status {done.returncode}: {done.stderr or done.stdout}')

@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 from typing import Any
+from xml.etree import ElementTree
 
 from bridge import pfd_main
 import gripper_arm
@@ -177,6 +178,47 @@ def test_a_package_is_formatted_and_free_of_lint(folder: Path) -> None:
         tool = Path(sys.executable).with_name('ruff')
         done = subprocess.run([tool, *command[1:], package], check=False, capture_output=True)
         assert done.returncode == 0, done.stdout.decode()
+
+
+def test_the_scene_of_a_recording_is_taken_and_what_is_not_is_said(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = 'gravity: [0, 0, -1.62]\narmature: [0.5, 0.25]\nfriction: [0.7, 0.6]\n'
+    (folder / 'scene.yaml').write_text(f'{scene}motor_lag: [0.01, 0.01]\n')
+    record(folder, scene=folder / 'scene.yaml', command_timeout=0.3)
+    arm = parameters(init('--bag', 'run.mcap'))['sim_arm']
+    assert arm['gravity'] == [0.0, 0.0, -1.62]
+    assert [*arm['armature'].values()] == [0.5, 0.25]
+    assert [*arm['friction'].values()] == [0.7, 0.6]
+    assert not arm.get('joint_limits', False)
+    (line,) = re.findall('these are not: (.*)', capsys.readouterr().out)
+    assert {'command_timeout', 'motor_lag of its scene'} <= {*line.split(', ')}
+    assert not {'gravity', 'friction of its scene', 'scene'} & {*line.split(', ')}
+
+
+HARDWARE = '<ros2_control name="a" type="system"><hardware/></ros2_control>'
+
+
+@pytest.mark.parametrize(
+    ('old', 'new'),
+    [
+        ('</robot>', '</robot><!-- end -->'),
+        ('<link', f'<!-- <ros2_control name="old"> -->{HARDWARE}<link'),
+        ('<link', f'<ros2_control name="b" type="system"/>{HARDWARE}<link'),
+    ],
+)
+def test_one_block_of_ros2_control_takes_the_place_of_others(
+    folder: Path, old: str, new: str
+) -> None:
+    text = (folder / 'arm.urdf').read_text().replace(old, new, 1)
+    (folder / 'arm.urdf').write_text(text)
+    package = init('--urdf', 'arm.urdf', '--ros2-control')
+    root = ElementTree.parse(package / 'mine' / 'arm.urdf').getroot()
+    (block,) = root.findall('ros2_control')
+    assert [x.get('name') for x in block.findall('joint')] == ['shoulder', 'elbow']
+    for tag in ('link', 'joint'):
+        expected = len(ElementTree.fromstring(gripper_arm.urdf()).findall(tag))
+        assert len(root.findall(tag)) == expected
 
 
 @pytest.mark.parametrize('control', [False, True], ids=['direct', 'ros2_control'])

@@ -61,8 +61,11 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def passes(file: str) -> bool:
+    # From another folder, and without the current one on the path of Python.
+    pytest_itself = Path(sys.executable).with_name('pytest')
     done = subprocess.run(
-        [sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', file],
+        [pytest_itself, '-q', '-p', 'no:cacheprovider', Path(file).resolve()],
+        cwd='/',
         capture_output=True,
         text=True,
         check=False,
@@ -142,7 +145,7 @@ def test_the_first_finding_is_written_as_a_test_that_fails_by_it(name: str) -> N
     text = Path('tests/test_a.py').read_text()
     assert assertion in text
     assert words in text
-    assert "LOG = Path(__file__).resolve().parent / '../logs/a.mcap'" in text
+    assert "LOG = HERE / '../logs/a.mcap'" in text
     # No page is written beside it, unless it is named.
     assert {*Path().iterdir()} == {Path('logs'), Path('tests')}
 
@@ -176,8 +179,10 @@ def test_the_limits_of_another_arm_are_those_of_the_robot_that_is_named() -> Non
 @pytest.mark.parametrize('name', WRONG)
 def test_with_its_controller_the_test_passes_once_that_is_fixed(name: str) -> None:
     text, kind, joint = WRONG[name]
-    attribute = 'holder.law' if name == 'saturates' else 'law'
-    Path('wrong.py').write_text(text)
+    # A name of the template too.
+    attribute, more = 'holder.law' if name == 'saturates' else 'run', '\n\nrun = law\n'
+    Path('wrong.py').write_text(text + more)
+    Path('tests').mkdir()
     found: dict[str, Any] = {}
     exec(text, found)
     with LockstepArm(**ARM, recording='a.mcap') as arm:
@@ -185,13 +190,13 @@ def test_with_its_controller_the_test_passes_once_that_is_fixed(name: str) -> No
             arm.run(found['law'], 2.0)
         except ArmError:
             assert 'sign' in name
-    words = ['--pytest', 'test_a.py', '--controller', f'wrong:{attribute}']
+    words = ['--pytest', 'tests/test_a.py', '--controller', f'wrong:{attribute}']
     status, printed, error = command('report', 'log', 'a.mcap', *words)
     assert (status, error) == (0, '')
     assert f', {kind}: {joint}: ' in printed
-    assert not passes('test_a.py')
-    Path('wrong.py').write_text(FIXED)
-    assert passes('test_a.py')
+    assert not passes('tests/test_a.py')
+    Path('wrong.py').write_text(FIXED + more)
+    assert passes('tests/test_a.py')
 
 
 def test_with_a_controller_that_lacks_the_fault_nothing_is_written() -> None:
@@ -229,6 +234,7 @@ def test_every_kind_of_finding_has_an_assertion_or_says_why_not() -> None:
             '--controller: no simulation of other.mcap shows',
         ),
         ('bad.mcap --controller wrong:law', '--controller requires --pytest'),
+        ('bad.mcap --pytest test_a.py --start 0.01', '--pytest conflicts with --start'),
     ],
 )
 def test_what_cannot_be_written_is_one_line_and_no_file(words: str, message: str) -> None:
@@ -241,7 +247,7 @@ def test_what_cannot_be_written_is_one_line_and_no_file(words: str, message: str
     Path('wrong.py').write_text(f"{FIXED}\n\ndef raises(t, q, qd):\n    return {{}}['gain']\n")
     before = {*Path().iterdir()}
     status, _, error = command('report', 'log', *words.split())
-    assert status == (2 if 'requires' in message else 1)
+    assert status == (2 if message.startswith('--') and 'shows' not in message else 1)
     assert message in error
     assert len(error.splitlines()) == 1
     assert {*Path().iterdir()} - {Path('__pycache__')} == before

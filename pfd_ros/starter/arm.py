@@ -4,19 +4,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-import yaml
 
 import pfd_core as pfd
 from pfd_ros.arm.description import DescribedRobot, described_robot, parsed_urdf
 from pfd_ros.arm.plant import scene_of
-from pfd_ros.arm.plant_settings import EFFECT_FIELDS
 from pfd_ros.arm.settings import FIELDS, Settings, joint_order
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.types import JOINT_STATE, STRING
@@ -34,8 +32,8 @@ GUESS = 'estimated: 0.035 s * effort limit / velocity limit'
 # Other settings of an arm.
 PLAIN = ['base_link', 'tip_link', 'locked', 'locked_positions', 'gravity', 'step_size']
 PLAIN += ['publish_rate', 'joint_limits', 'initial_positions']
-# Those that name the arm and the recording.
-RUN = {'robot', 'xacro_args', 'joints', 'scene', 'recording'}
+# Of a recording, whose robot is the model in the package.
+TAKEN = ['robot', *PLAIN, *NUMBERS]
 
 
 class Arm(NamedTuple):
@@ -75,10 +73,6 @@ def arm_of(source: str | None, log: Path | None, tip: str, rename: Mapping[str, 
             given |= {'tip_link': recorded.robot.tip, 'locked': (), 'locked_positions': ()}
         if tip not in ('', recorded.robot.tip):
             raise ValueError(f'--tip must be that of {name}, {recorded.robot.tip!r}, got {tip!r}')
-        scene = scene_of(recorded.settings, np.arange(recorded.robot.n))
-        gravity = np.zeros(3) if scene.gravity is None else np.asarray(scene.gravity, float)
-        given['gravity'] = tuple(gravity.tolist())
-        given['joint_limits'] = scene.joint_limits is not None
         settings = replace(settings, **given | {'initial_positions': ()})
     else:
         assert arrays is not None
@@ -96,8 +90,12 @@ def arm_of(source: str | None, log: Path | None, tip: str, rename: Mapping[str, 
     sources: dict[str, Any] = dict.fromkeys(NUMBERS, [label] * robot.n)
     sources |= dict.fromkeys(PLAIN, label)
     if recorded is not None:
-        numbers, start = _recorded(recorded.settings, robot)
-        notes += tuple(_said(recorded.settings, name))
+        numbers, start, effects, left = _recorded(recorded.settings, robot)
+        changed |= effects
+        notes += (
+            f'of the settings of {name}, which pfd info prints, these are taken: '
+            f'{", ".join(TAKEN)}; these are not the default and not taken: {", ".join(left)}',
+        )
     else:
         stated = any(line.startswith('initial_positions') for line in found.taken)
         sources |= {
@@ -135,29 +133,32 @@ def _chain(settings: Settings, urdf: pfd.Urdf) -> tuple[DescribedRobot, tuple[st
 
 def _recorded(
     settings: Settings, robot: pfd.Robot
-) -> tuple[dict[str, NDArray[Any]], dict[str, float]]:
-    """Return the numbers of a recorded arm, and its start by joint."""
-    order, numbers = joint_order(settings.joints, robot), {}
+) -> tuple[dict[str, NDArray[Any]], dict[str, float], dict[str, Any], list[str]]:
+    """Return the numbers of a recorded arm, its start by joint, other settings, and what is left.
+
+    Effects are those of its scene, also of one from a file. What is left are the names of settings
+    and effects that are on, or not the default, and have no place in a package.
+    """
+    order = joint_order(settings.joints, robot)
     scene = scene_of(settings, np.array(order))
-    for field in EFFECT_FIELDS:
-        if field.name in NUMBERS:
-            value = field.resolved(robot, getattr(scene, field.name))
-            numbers[field.name] = np.zeros(robot.n) if value is None else value
-    names = (robot.joint_names[i] for i in order)
-    return numbers, dict(zip(names, settings.initial_positions, strict=False))
-
-
-def _said(settings: Settings, name: str) -> Iterator[str]:
-    """Yield which settings of a recording its package has, and which of the others are given."""
-    taken = [*PLAIN, *NUMBERS]
-    yield f'of the settings of {name}, which pfd info prints, these are taken: {", ".join(taken)}'
-    given = {row.name: getattr(settings, row.field) != row.default for row in FIELDS}
-    other = [x for x in given if given[x] and x not in {*taken, *RUN}]
+    fields = {field.name: field for effect in pfd.EFFECTS for field in effect.fields}
+    numbers = {}
+    for key in NUMBERS:
+        found = fields[key].resolved(robot, getattr(scene, key))
+        numbers[key] = np.zeros(robot.n) if found is None else found
+    stops = scene.joint_limits == 'model'
+    effects = {'gravity': scene.gravity or (0.0,) * 3, 'joint_limits': stops}
+    given = (row.name for row in FIELDS if getattr(settings, row.field) != row.default)
+    left = dict.fromkeys(name for name in given if name not in (*TAKEN, 'scene'))
     if settings.scene:
-        stated = yaml.safe_load(settings.scene)
-        other += [f'{x} of its scene' for x in stated if stated[x] and x not in taken]
-    if other:
-        yield f'these are not: {", ".join(other)}'
+        # Its text alone: the arm adds brakes, and settings that are listed by themselves.
+        alone = pfd.load_scene(settings.scene)
+        held = {'gravity', 'brakes', *NUMBERS, *['joint_limits'] * stops}
+        on = (key for key in fields if getattr(alone, key) != fields[key].off)
+        left |= dict.fromkeys(f'{key} of the scene' for key in on if key not in held)
+    names = (robot.joint_names[i] for i in order)
+    start = dict(zip(names, settings.initial_positions, strict=False))
+    return numbers, start, effects, list(left)
 
 
 def _described(log: LogArrays) -> str:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from importlib.machinery import PathFinder
 import keyword
 from pathlib import Path
@@ -13,7 +13,7 @@ from string import Template
 import sys
 import tempfile
 from typing import Any
-from xml.etree import ElementTree
+import xml.etree.ElementTree as ElementTree
 from xml.sax.saxutils import quoteattr
 
 import yaml
@@ -34,19 +34,19 @@ USED = {*keyword.kwlist, *sys.stdlib_module_names, 'pfd_core', 'pfd_ros', 'rclpy
 USED |= {'build', 'install', 'launch', 'log', 'resource', 'setup', 'test'}  # files beside it
 # Hardware of ros2_control that talks over topics, and a joint of it: see the guide
 # docs/guides/alongside-a-controller.md.
-HARDWARE = """<ros2_control name="arm" type="system">
-    <hardware>
-      <plugin>joint_state_topic_hardware_interface/JointStateTopicSystem</plugin>
-      <param name="joint_commands_topic">/robot_joint_commands</param>
-      <param name="joint_states_topic">/robot_joint_states</param>
-      <param name="trigger_joint_command_threshold">-1</param>
-    </hardware>{}
-  </ros2_control>"""
-JOINT = '\n    <joint name={}>\n      <command_interface name="effort"/>'
-JOINT += ''.join(
-    f'\n      <state_interface name="{x}"/>' for x in ('position', 'velocity', 'effort')
-)
-JOINT += '\n    </joint>'
+HARDWARE = """
+<ros2_control name="arm" type="system">
+  <hardware>
+    <plugin>joint_state_topic_hardware_interface/JointStateTopicSystem</plugin>
+    <param name="joint_commands_topic">/robot_joint_commands</param>
+    <param name="joint_states_topic">/robot_joint_states</param>
+    <param name="trigger_joint_command_threshold">-1</param>
+  </hardware>{}
+</ros2_control>
+"""
+JOINT = '<joint name={}><command_interface name="effort"/>'
+JOINT += ''.join(f'<state_interface name="{x}"/>' for x in ('position', 'velocity', 'effort'))
+JOINT += '</joint>'
 DEPENDS = ['controller_manager', 'forward_command_controller', 'joint_state_broadcaster']
 DEPENDS += ['joint_state_topic_hardware_interface']
 
@@ -73,7 +73,7 @@ def write_package(name: str, arm: Arm, plan: Plan, ros2_control: bool) -> None:
     """Write a package into a new folder of its name; OSError if it cannot be written."""
     urdf, joints = arm.urdf, arm.robot.joint_names
     if ros2_control:
-        urdf = _with_hardware(urdf, joints)
+        urdf = _controlled(urdf, ''.join(JOINT.format(quoteattr(joint)) for joint in joints))
     texts = {
         'name': name,
         'arm': arm.robot.name,
@@ -98,14 +98,14 @@ def write_package(name: str, arm: Arm, plan: Plan, ros2_control: bool) -> None:
         folder.rename(name)
 
 
-def _with_hardware(urdf: str, joints: Iterable[str]) -> str:
-    """Return a URDF with the hardware in place of its own."""
-    builder = ElementTree.TreeBuilder(insert_comments=True)
-    root = ElementTree.fromstring(urdf.strip(), ElementTree.XMLParser(target=builder))
-    for old in root.findall('ros2_control'):
-        root.remove(old)
-    block = HARDWARE.format(''.join(JOINT.format(quoteattr(joint)) for joint in joints))
-    root.append(ElementTree.fromstring(block))
+def _controlled(urdf: str, joints: str) -> str:
+    """Return a URDF with a block for the joints in place of its own ones, and its comments."""
+    comments = ElementTree.TreeBuilder(insert_comments=True)
+    root = ElementTree.fromstring(urdf.strip(), ElementTree.XMLParser(target=comments))
+    for block in root.findall('ros2_control'):
+        root.remove(block)
+    root.append(ElementTree.fromstring(HARDWARE.format(joints)))
+    ElementTree.indent(root)
     return ElementTree.tostring(root, encoding='unicode') + '\n'
 
 

@@ -11,7 +11,7 @@ import shutil
 import subprocess
 import sys
 from typing import Any
-from xml.etree import ElementTree
+import xml.etree.ElementTree as ElementTree
 
 from bridge import pfd_main
 import gripper_arm
@@ -138,25 +138,92 @@ def test_each_value_has_its_source_and_is_that_of_the_model(folder: Path) -> Non
     assert robot.joint_names == gripper_arm.ARM
 
 
+# Settings of a recorded arm, numbers in its package, and what is said not to be taken.
+RECORDED = {
+    'settings': (
+        {'friction.elbow': 0.5, 'noise_velocity': 0.01, 'delay_commands': 0.002},
+        {'friction': {'elbow': 0.5}},
+        {'noise.velocity', 'delay.commands'},
+    ),
+    'convention': (
+        {'convention': 'ur', 'viscous_scale': (0.5,) * 2, 'coulomb_scale': (0.5,) * 2}
+        | {'load_mass': 1.0},
+        {},
+        {'convention', 'viscous_scale', 'coulomb_scale', 'load.mass'},
+    ),
+    'scene': (
+        {'scene': 'scene.yaml', 'payload_mass': 2.0},
+        {
+            'gravity': [0.0, 0.0, -1.62],
+            'armature': {'shoulder': 0.3, 'elbow': 0.2},
+            'damping': {'shoulder': 1.5},
+            'friction': {'shoulder': 0.25, 'elbow': 0.5},
+            'joint_limits': True,
+        },
+        {'payload.mass', 'motor_lag of the scene', 'restitution of the scene'},
+    ),
+}
+SCENE = pfd.Scene(
+    gravity=(0.0, 0.0, -1.62),
+    armature=[0.3, 0.2],
+    damping={'shoulder': 1.5},
+    friction=[0.25, 0.5],
+    joint_limits='model',
+    restitution=0.5,
+    motor_lag=[0.01, 0.01],
+)
+
+
+@pytest.mark.parametrize(('settings', 'numbers', 'left'), RECORDED.values(), ids=RECORDED)
 def test_a_recording_gives_its_arm_and_says_what_is_left(
-    folder: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+    settings: dict[str, Any],
+    numbers: dict[str, Any],
+    left: set[str],
 ) -> None:
     start = [0.25, -0.5]
-    record(
-        folder,
-        publish_rate=RATE,
-        initial_positions=start,
-        noise_velocity=0.01,
-        **{'friction.elbow': 0.5},
-    )
+    SCENE.save('scene.yaml')
+    record(folder, publish_rate=RATE, initial_positions=start, **settings)
     arm = parameters(init('--bag', 'run.mcap'))['sim_arm']
     assert arm['publish_rate'] == RATE
     assert arm['initial_positions'] == start
-    assert arm['friction'] == {'elbow': 0.5}
-    assert 'armature' not in arm
-    assert re.search(r'of the settings of run.mcap, .* friction$', capsys.readouterr().out, re.M)
+    effects = ('gravity', 'armature', 'damping', 'friction', 'joint_limits')
+    assert {key: arm[key] for key in effects if key in arm} == numbers
+    found = re.search(
+        r'of the settings of run.mcap, .* not taken: (.*)$', capsys.readouterr().out, re.M
+    )
+    told = set(found[1].split(', '))
+    assert told >= left
+    assert told.isdisjoint(arm)
     urdf = (folder / 'mine' / 'mine' / 'arm.urdf').read_text(encoding='utf-8')
     assert urdf == gripper_arm.urdf()
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        pytest.param(gripper_arm.urdf() + '<!-- end -->', id='comment-after-the-robot'),
+        pytest.param(
+            gripper_arm.with_block('<!-- <ros2_control> -->' + gripper_arm.block()),
+            id='comment-with-a-block',
+        ),
+        pytest.param(
+            gripper_arm.urdf().replace('<link', '<ros2_control name="a"/><link', 1),
+            id='block-without-an-end',
+        ),
+        pytest.param(gripper_arm.with_block(''), id='without-a-block'),
+    ],
+)
+def test_a_block_for_ros2_control_replaces_those_of_any_urdf(folder: Path, text: str) -> None:
+    (folder / 'arm.urdf').write_text(text, encoding='utf-8')
+    root = ElementTree.parse(init('--urdf', 'arm.urdf', '--ros2-control') / 'mine' / 'arm.urdf')
+    joints = [joint.get('name') for joint in root.findall('ros2_control/joint')]
+    assert joints == list(gripper_arm.ARM)
+    assert len(root.findall('ros2_control')) == 1
+    for tag in ('link', 'joint'):
+        given = ElementTree.fromstring(text).findall(tag)
+        assert [x.get('name') for x in root.findall(tag)] == [x.get('name') for x in given]
 
 
 def test_logs_of_real_arms_give_rate_and_start(
@@ -178,47 +245,6 @@ def test_a_package_is_formatted_and_free_of_lint(folder: Path) -> None:
         tool = Path(sys.executable).with_name('ruff')
         done = subprocess.run([tool, *command[1:], package], check=False, capture_output=True)
         assert done.returncode == 0, done.stdout.decode()
-
-
-def test_the_scene_of_a_recording_is_taken_and_what_is_not_is_said(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    scene = 'gravity: [0, 0, -1.62]\narmature: [0.5, 0.25]\nfriction: [0.7, 0.6]\n'
-    (folder / 'scene.yaml').write_text(f'{scene}motor_lag: [0.01, 0.01]\n')
-    record(folder, scene=folder / 'scene.yaml', command_timeout=0.3)
-    arm = parameters(init('--bag', 'run.mcap'))['sim_arm']
-    assert arm['gravity'] == [0.0, 0.0, -1.62]
-    assert [*arm['armature'].values()] == [0.5, 0.25]
-    assert [*arm['friction'].values()] == [0.7, 0.6]
-    assert not arm.get('joint_limits', False)
-    (line,) = re.findall('these are not: (.*)', capsys.readouterr().out)
-    assert {'command_timeout', 'motor_lag of its scene'} <= {*line.split(', ')}
-    assert not {'gravity', 'friction of its scene', 'scene'} & {*line.split(', ')}
-
-
-HARDWARE = '<ros2_control name="a" type="system"><hardware/></ros2_control>'
-
-
-@pytest.mark.parametrize(
-    ('old', 'new'),
-    [
-        ('</robot>', '</robot><!-- end -->'),
-        ('<link', f'<!-- <ros2_control name="old"> -->{HARDWARE}<link'),
-        ('<link', f'<ros2_control name="b" type="system"/>{HARDWARE}<link'),
-    ],
-)
-def test_one_block_of_ros2_control_takes_the_place_of_others(
-    folder: Path, old: str, new: str
-) -> None:
-    text = (folder / 'arm.urdf').read_text().replace(old, new, 1)
-    (folder / 'arm.urdf').write_text(text)
-    package = init('--urdf', 'arm.urdf', '--ros2-control')
-    root = ElementTree.parse(package / 'mine' / 'arm.urdf').getroot()
-    (block,) = root.findall('ros2_control')
-    assert [x.get('name') for x in block.findall('joint')] == ['shoulder', 'elbow']
-    for tag in ('link', 'joint'):
-        expected = len(ElementTree.fromstring(gripper_arm.urdf()).findall(tag))
-        assert len(root.findall(tag)) == expected
 
 
 @pytest.mark.parametrize('control', [False, True], ids=['direct', 'ros2_control'])

@@ -4,6 +4,7 @@
 Make the pictures of README and the guides: `python docs/pictures/make.py [NAME ...]`.
 
     failure    the failing test of README beside its arm in `pfd view`
+    log-page   the page of the same test with a controller that turns unstable after 1 s
     demo       the page of `pfd demo`
 
 Needs Chromium and the extras `ros` and `test`, which bring the meshes of the UR5.
@@ -39,6 +40,7 @@ WIDTH, HEIGHT = 1366, 768
 DRAWN, SHOWN = 16.0, 2.5
 # What README adds to its test so that it fails.
 LOADED = ('armature', '\n        payload_mass=3.0, armature')
+UNSTABLE = (' - 80.0 * qd', ' + (80.0 if t > 1.0 else -80.0) * qd')
 CLOSE = "document.querySelector('[class*=closeButton], [class*=CloseButton]')?.click()"
 # The arm and what pytest prints, side by side [px].
 VIEW, BESIDE = (800, 400), (1366, 400)
@@ -47,12 +49,12 @@ COLUMNS = """<body style="margin:0;display:flex;background:#fff">
 white-space:pre-wrap;margin:10px 0 0">{}</pre>"""
 
 
-def failing_test(folder: Path) -> tuple[str, Path]:
-    """Run README's test with a load; return what pytest prints, and the recording."""
+def failing_test(folder: Path, change: tuple[str, str]) -> tuple[str, Path]:
+    """Run README's test with a change; return what pytest prints, and the recording."""
     (code,) = re.findall('```py\n(.*?)```', (ROOT / 'README.md').read_text('utf-8'), re.S)
     code = re.sub('  # add .* fail$', '', code, flags=re.M)
-    assert LOADED[0] in code
-    (folder / 'test_settles.py').write_text(code.replace(*LOADED), encoding='utf-8')
+    assert change[0] in code
+    (folder / 'test_settles.py').write_text(code.replace(*change), encoding='utf-8')
     command = [sys.executable, '-m', 'pytest', '-q', '--sim-arm-artifacts', 'artifacts']
     done = subprocess.run(
         [*command, '-p', 'no:cacheprovider', 'test_settles.py'],
@@ -89,7 +91,7 @@ def save(shown: Page, out: Path) -> None:
 
 def failure(folder: Path) -> None:
     """Make failure.png."""
-    text, recording = failing_test(folder)
+    text, recording = failing_test(folder, LOADED)
     robot = example_robot('ur_description/urdf/ur5_robot.urdf')
     with page(0, recording.name) as server:
         log = ShownLog(recording, str(robot))
@@ -104,6 +106,12 @@ def failure(folder: Path) -> None:
     shot(beside.as_uri(), FOLDER / 'failure.png', BESIDE, 1.0)
 
 
+def log_page(folder: Path) -> None:
+    """Make log-page.png."""
+    _, recording = failing_test(folder, UNSTABLE)
+    shot(recording.with_suffix('.html').as_uri(), FOLDER / 'log-page.png')
+
+
 def demo(folder: Path) -> None:
     """Make demo.png."""
     subprocess.run([sys.executable, '-m', 'pfd_ros.cli.main', 'demo'], cwd=folder, check=True)
@@ -111,7 +119,7 @@ def demo(folder: Path) -> None:
     shot(found.as_uri(), FOLDER / 'demo.png')
 
 
-PICTURES = {'failure': failure, 'demo': demo}
+PICTURES = {'failure': failure, 'log-page': log_page, 'demo': demo}
 
 if __name__ == '__main__':
     for name in sys.argv[1:] or PICTURES:

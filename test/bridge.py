@@ -1,9 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The internal names that tests use, in one table: `from bridge import run_program`.
-
-Tests and their support files import public names, and names of this table. When a subpackage is
-replaced, the right-hand sides change here, and no test does. test_layers checks it.
+"""The internal names that the tests of pfd_ros use, in one table: `from bridge import Engine`.
 
 A name is looked up at each access, so that `bridge.NAME` is the present value of a name that is
 patched, and importing this module imports nothing else.
@@ -16,141 +13,6 @@ from typing import Any
 
 # Name -> 'module:attribute'.
 NAMES = {
-    # pfd_core.forking: locks for forking processes
-    'cached_property': 'pfd_core.forking:cached_property',
-    # pfd_core.machine: operations, programs, lanes, the emulator
-    'DERIVATIVE_MODES': 'pfd_core.machine.derivative:MODES',
-    'derivative_program': 'pfd_core.machine.derivative:derivative',
-    'directional_program': 'pfd_core.machine.derivative:directional',
-    'run_program': 'pfd_core.machine.emulator:run',
-    'fused_multiply_add': 'pfd_core.machine.fused:fused',
-    'iterate': 'pfd_core.machine.iteration:iterate',
-    'ITERATION_TOLERANCES': 'pfd_core.machine.iteration:TOLERANCES',
-    'lane_broadcast': 'pfd_core.paper.lanes:broadcast',
-    'lane_cos': 'pfd_core.machine.lanes:cos',
-    'lane_merge': 'pfd_core.machine.lanes:merge',
-    'on_lane': 'pfd_core.machine.lanes:on',
-    'lane_shift': 'pfd_core.paper.lanes:shift',
-    'lane_sin': 'pfd_core.machine.lanes:sin',
-    'lane_sqrt': 'pfd_core.machine.lanes:sqrt',
-    'lane_where': 'pfd_core.machine.lanes:where',
-    'NetworkHop': 'pfd_core.paper.networks:Hop',
-    'NETWORKS': 'pfd_core.paper.networks:NETWORKS',
-    'NetworkError': 'pfd_core.paper.networks:NetworkError',
-    'doubling_plan': 'pfd_core.paper.articulated_doubling:plan',
-    'joined_links': 'pfd_core.paper.articulated_doubling:joined_links',
-    'carry_messages': 'pfd_core.paper.networks:carry',
-    'network_carrier': 'pfd_core.paper.networks:carrier',
-    'network_steps': 'pfd_core.paper.networks:steps',
-    'network_hops': 'pfd_core.paper.networks:hops',
-    'route_steps': 'pfd_core.paper.networks:route_steps',
-    'network_wiring': 'pfd_core.paper.networks:wiring',
-    'OPERATIONS': 'pfd_core.machine.operations:OPERATIONS',
-    'packed': 'pfd_core.paper.lanes:packed',
-    'pattern_column_sweep': 'pfd_core.paper.patterns:column_sweep',
-    'pattern_prefix': 'pfd_core.paper.patterns:prefix',
-    'pattern_prefix_affine': 'pfd_core.paper.patterns:prefix_affine',
-    'pattern_row_sweep': 'pfd_core.paper.patterns:row_sweep',
-    'pattern_suffix': 'pfd_core.paper.patterns:suffix',
-    'pattern_suffix_affine': 'pfd_core.paper.patterns:suffix_affine',
-    'pattern_total': 'pfd_core.paper.patterns:total',
-    'Instruction': 'pfd_core.machine.program:Instruction',
-    'ProgramOutput': 'pfd_core.machine.program:Output',
-    'LaneArray': 'pfd_core.machine.recorder:LaneArray',
-    'Lanes': 'pfd_core.machine.recorder:Lanes',
-    'Recorder': 'pfd_core.machine.recorder:Recorder',
-    'MACHINE_SCHEDULES': 'pfd_core.machine.recorder:SCHEDULES',
-    'SystolicArray': 'pfd_core.paper.systolic:Array',
-    'SystolicLink': 'pfd_core.paper.systolic:Link',
-    'SystolicLinkError': 'pfd_core.paper.systolic:LinkError',
-    'SystolicPorts': 'pfd_core.paper.systolic:Ports',
-    'SystolicStep': 'pfd_core.paper.systolic:Step',
-    'vector_array': 'pfd_core.machine.vectors:array',
-    # pfd_core.model: robots, scenes, the effects and the plant made of both
-    'Effect': 'pfd_core.model.effects:Effect',
-    'JOINT_VALUES': 'pfd_core.model.effects:JOINTS',
-    'STEP_VALUES': 'pfd_core.model.effects:STEP',
-    'rotation_z': 'pfd_core.model.geometry:rotation_z',
-    'LARGEST_MODEL_FILE': 'pfd_core.model.loading:LARGEST_FILE',
-    'Plant': 'pfd_core.model.plant:Plant',
-    'resolve_plant': 'pfd_core.model.plant:resolve',
-    'Follower': 'pfd_core.model.robot:Follower',
-    'Frame': 'pfd_core.model.robot:Frame',
-    'ROBOT_JOINT_FIELDS': 'pfd_core.model.robot:JOINT_FIELDS',
-    'ROBOT_LINK_FIELDS': 'pfd_core.model.robot:LINK_FIELDS',
-    'SPIN_UP_TIME': 'pfd_core.model.rotors:SPIN_UP_TIME',
-    'EFFECT_FIELDS': 'pfd_core.model.effects:FIELDS',
-    'EffectField': 'pfd_core.model.effects:Field',
-    # pfd_core.dynamics: recorders of serial programs; tables of methods and quantities
-    'record_derivatives': 'pfd_core.dynamics.acceleration:record_derivatives',
-    'FORWARD_METHODS': 'pfd_core.dynamics.methods:FORWARD',
-    'ITERATIVE_METHODS': 'pfd_core.dynamics.methods:ITERATIVE',
-    'SERIAL_METHODS': 'pfd_core.dynamics.methods:SERIAL',
-    'record_forward_dynamics': 'pfd_core.dynamics.methods:record_forward_dynamics',
-    'record_error': 'pfd_core.dynamics.refinement:record_error',
-    'record_refined': 'pfd_core.dynamics.refinement:record_refined',
-    # pfd_core.paper: recorders of programs on n lanes
-    'array_pipeline': 'pfd_core.paper.array:pipeline',
-    'array_solve': 'pfd_core.paper.array:solve',
-    'literal_array': 'pfd_core.paper.array:literal_array',
-    'default_pcgm_limit': 'pfd_core.paper.conjugate:default_limit',
-    'PCGM_STEP_4': 'pfd_core.paper.editions:STEP_4',
-    'PCGM_STEP_7': 'pfd_core.paper.editions:STEP_7',
-    'record_pcgm_1987': 'pfd_core.paper.conjugate:record_pcgm_1987',
-    'PCRBM_A_3': 'pfd_core.paper.editions:A_3',
-    'PCRBM_A_8': 'pfd_core.paper.editions:A_8',
-    'PCRBM_CHOLESKY': 'pfd_core.paper.editions:CHOLESKY',
-    'MISPRINTS_AS_PRINTED': 'pfd_core.paper.editions:AS_PRINTED',
-    'MISPRINTS_OF': 'pfd_core.paper.editions:OF_PROCEDURE',
-    'PCRBM_STEP_6': 'pfd_core.paper.editions:STEP_6',
-    'record_pcrbm_1987': 'pfd_core.paper.composite:record_pcrbm_1987',
-    'PCRBM_ARRAY_SECTION': 'pfd_core.paper.array:SECTION',
-    'literal_factor': 'pfd_core.paper.set_ordering:literal_factor',
-    'set_ordering': 'pfd_core.paper.set_ordering:set_ordering',
-    'record_inverse_dynamics': 'pfd_core.paper.newton_euler:record_inverse_dynamics',
-    'record_terms': 'pfd_core.paper.composite:record_terms',
-    # pfd_core.kernels: passes, LLVM IR, native code
-    'FEW_JOINTS': 'pfd_core.kernels.auto:FEW_JOINTS',
-    'MANY_JOINTS': 'pfd_core.kernels.auto:MANY_JOINTS',
-    'select_method': 'pfd_core.kernels.auto:select',
-    'method_roundings': 'pfd_core.kernels.auto:roundings',
-    'CACHE_VARIABLE': 'pfd_core.kernels.cache:VARIABLE',
-    'cache_folder': 'pfd_core.kernels.cache:folder',
-    'read_cache': 'pfd_core.kernels.cache:read',
-    'write_cache': 'pfd_core.kernels.cache:write',
-    'cached_kernel': 'pfd_core.kernels.compile:_kept_kernel',
-    'ir_inputs_of': 'pfd_core.kernels.generate:inputs_of',
-    'ir_kernel_functions': 'pfd_core.kernels.generate:kernel_functions',
-    'lower_program': 'pfd_core.kernels.lower:lower',
-    'program_operations': 'pfd_core.kernels.lower:operations',
-    'Target': 'pfd_core.kernels.native:Target',
-    'TARGET_VARIABLE': 'pfd_core.kernels.native:VARIABLE',
-    'host_target': 'pfd_core.kernels.native:host',
-    'missing_features': 'pfd_core.kernels.native:missing_features',
-    'level_target': 'pfd_core.kernels.native:level_target',
-    'simd_width': 'pfd_core.kernels.native:simd_width',
-    'can_be_ordered': 'pfd_core.kernels.schedule:can_be_ordered',
-    'schedule_program': 'pfd_core.kernels.schedule:schedule',
-    'eliminate_dead_code': 'pfd_core.kernels.simplify:eliminate_dead_code',
-    'fold_program': 'pfd_core.kernels.simplify:fold',
-    'fuse_program': 'pfd_core.kernels.simplify:fuse',
-    'wrap_angle_ir': 'pfd_core.kernels.sines:wrap_angle',
-    'WRAP_LIMIT': 'pfd_core.kernels.sines:WRAP_LIMIT',
-    'sincos': 'pfd_core.kernels.sines:sincos',
-    'kernel_recipe': 'pfd_core.kernels.recipes:recipe_of',
-    'turned_joints': 'pfd_core.kernels.recipes:turned_joints',
-    'KernelSpec': 'pfd_core.kernels.spec:KernelSpec',
-    'STEP_KIND': 'pfd_core.kernels.spec:STEP',
-    'new_thread_pool': 'pfd_core.kernels.threads:_new_pool',
-    'block_size': 'pfd_core.kernels.threads:block_size',
-    'run_blocks': 'pfd_core.kernels.threads:run',
-    'thread_count': 'pfd_core.kernels.threads:thread_count',
-    'kernel_objects': 'pfd_core.kernels:objects',  # a module: after one that imports it
-    # pfd_core.simulation: integrators, stiffness, ensembles
-    'TABLEAUX': 'pfd_core.simulation.tableaux:TABLEAUX',
-    'STIFF_DECAY': 'pfd_core.simulation.stiffness:STIFF',
-    # benchmarks: robots of its cases
-    'report_robot': 'benchmarks.cases.robots:robot',
     # pfd_ros.messages: bytes of ROS 2 messages -> arrays and back
     'HEADER': 'pfd_ros.messages.cdr:HEADER',
     'CLOCK_TYPE': 'pfd_ros.messages.types:CLOCK',
@@ -343,28 +205,7 @@ NAMES = {
 }
 
 # Functions and constants that tests replace: monkeypatch.setattr(*bridge.target(name), value).
-# This table only shrinks: in a new subpackage a test uses an argument or a variable, or it goes.
 PATCHED = {
-    # pfd_core.machine: operations, programs, lanes, the emulator
-    'Recorder_init': 'pfd_core.machine.recorder:Recorder.__init__',
-    # pfd_core.model: robots, scenes, the effects and the plant made of both
-    'XACRO_MOST_SECONDS': 'pfd_core.model.apart:SECONDS',
-    # pfd_core.kernels: passes, LLVM IR, native code
-    'GENERATE_LONGEST': 'pfd_core.kernels.generate:LONGEST',
-    'GENERATE_PART': 'pfd_core.kernels.generate:PART',
-    'CACHE_LIMIT': 'pfd_core.kernels.cache:LIMIT',
-    'current_target': 'pfd_core.kernels.native:current',
-    'emit_object': 'pfd_core.kernels.native:emit',
-    'MAX_BLOCK_WORK': 'pfd_core.kernels.threads:MAX_BLOCK_WORK',
-    'MIN_BLOCK_WORK': 'pfd_core.kernels.threads:MIN_BLOCK_WORK',
-    'SINGLE_THREAD_WORK': 'pfd_core.kernels.threads:SINGLE_THREAD_WORK',
-    'thread_pool': 'pfd_core.kernels.threads:_pool',
-    'cores': 'pfd_core.kernels.threads:cores',
-    'recipe_uncollected': 'pfd_core.kernels.recipes:uncollected',
-    # pfd_core.simulation: integrators, stiffness, ensembles
-    'ADAPTIVE_FIRST_OPERATIONS': 'pfd_core.simulation.adaptive:FIRST_OPERATIONS',
-    'ADAPTIVE_PIECE_SECONDS': 'pfd_core.simulation.adaptive:PIECE_SECONDS',
-    # pfd_ros.arm: settings, events, engine, and the rules for commands
     # pfd_ros.recording: the MCAP file of a run
     'QUEUE_BYTES': 'pfd_ros.recording.recorder:QUEUE_BYTES',
     'SYNC_SECONDS': 'pfd_ros.recording.recorder:SYNC_SECONDS',
@@ -406,49 +247,7 @@ PATCHED = {
     'demo_ChildProcess': 'pfd_ros.demo.run:ChildProcess',
     'DEMO_PAGE_SECONDS': 'pfd_ros.demo.run:PAGE_SECONDS',
     'VIEW_NEEDED': 'pfd_ros.view.ports:NEEDED',
-    # pfd_ros.cli: the command pfd
 }
-
-# The names above that are objects with behaviour, or functions that return one: tests call their
-# methods and read their attributes. Where a new subpackage has other ones, an adapter in this
-# module takes the place of a row; all adapters together have at most 150 lines. The other names
-# are functions of arrays and plain values, named tuples, constants and errors.
-OBJECTS = (
-    'Advice',
-    'array_encoder',
-    'Bag',
-    'ChildProcess',
-    'compare_logs',
-    'Decoder',
-    'Engine',
-    'joint_encoder',
-    'KernelSpec',
-    'Lanes',
-    'LinkPoses',
-    'LiveShown',
-    'LogRecorder',
-    'MassKernels',
-    'Meshes',
-    'Motion',
-    'numbers_encoder',
-    'PageMoment',
-    'PageReference',
-    'Plant',
-    'PlayerSchedule',
-    'Qos',
-    'read_ros2_control',
-    'RecordedLog',
-    'Recorder',
-    'resolve_plant',
-    'Settings',
-    'SystolicArray',
-    'Target',
-    'transform_encoder',
-    'view_page',
-    'ViewPlayer',
-    'what_if',
-    'WhatIf',
-)
 
 # What the server of forked processes imports before it forks them; see forked_process.
 PRELOADED = ('pfd_ros.node.process', 'pfd_ros.cli.logs')

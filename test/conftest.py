@@ -13,10 +13,12 @@ import sys
 import tempfile
 from typing import Any
 
-import bridge
-from bridge import CACHE_VARIABLE, TARGET_VARIABLE, cores, host_target
 from hypothesis import HealthCheck, settings
 import pytest
+
+from pfd_core.kernels import native
+from pfd_core.kernels.cache import VARIABLE as CACHE_VARIABLE
+from pfd_core.kernels.threads import cores
 
 TESTS = str(Path(__file__).resolve().parent)
 # benchmarks is not installed. At the end: pfd_core and pfd_ros are those that are installed.
@@ -49,7 +51,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         '--target-cpu',
         metavar='NAME',
-        help=f'compile for another level of x86-64, such as x86-64-v3; sets {TARGET_VARIABLE}',
+        help=f'compile for another level of x86-64, such as x86-64-v3; sets {native.VARIABLE}',
     )
 
 
@@ -59,15 +61,15 @@ def pytest_configure(config: pytest.Config) -> None:
     storage = tempfile.TemporaryDirectory(prefix='hypothesis-')
     config.add_cleanup(storage.cleanup)
     os.environ.setdefault('HYPOTHESIS_STORAGE_DIRECTORY', storage.name)
-    # The processes that tests start import bridge too.
+    # The processes that tests start import modules of this folder too.
     path = os.environ.get('PYTHONPATH', '').split(os.pathsep)
     if TESTS not in path:
         os.environ['PYTHONPATH'] = os.pathsep.join([TESTS, *filter(None, path)])
     cpu = config.getoption('--target-cpu')
     if cpu is not None:
-        os.environ[TARGET_VARIABLE] = cpu
+        os.environ[native.VARIABLE] = cpu
     try:
-        bridge.current_target()
+        native.current()
     except ValueError as error:
         raise pytest.UsageError(str(error)) from None
 
@@ -114,8 +116,8 @@ def _mark_sweeps(items: list[pytest.Item]) -> None:
 
 def pytest_report_header() -> str | None:
     """Say which processor it is where it is not this machine's."""
-    cpu = bridge.current_target().cpu
-    return None if cpu == host_target().cpu else f'kernels are compiled for {cpu}'
+    cpu = native.current().cpu
+    return None if cpu == native.host().cpu else f'kernels are compiled for {cpu}'
 
 
 def pytest_collection_finish() -> None:
@@ -149,11 +151,11 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def emitted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Return a growing list of the modules of IR that were compiled."""
     modules: list[str] = []
-    emit = bridge.emit_object
+    emit = native.emit
 
     def counted(ir: str, *rest: Any) -> bytes:
         modules.append(ir)
         return emit(ir, *rest)
 
-    monkeypatch.setattr(*bridge.target('emit_object'), counted)
+    monkeypatch.setattr('pfd_core.kernels.native.emit', counted)
     return modules

@@ -32,11 +32,14 @@ import random
 import struct
 from typing import Any
 
-from bridge import PAGE_TYPES, KernelSpec, kernel_recipe, page_of_log, verify_log
 import numpy as np
 
 import pfd_core as pfd
+from pfd_core.kernels.recipes import recipe_of as kernel_recipe
+from pfd_core.kernels.spec import KernelSpec
 from pfd_ros import read_log
+from pfd_ros.page import page
+from pfd_ros.replay.verify import verify as verify_log
 
 DATA = Path(__file__).resolve().parent / 'data'
 DIGESTS = DATA / 'digests.json'
@@ -481,8 +484,8 @@ def replayed(name: str) -> str:
 
 def findings(name: str) -> dict[str, Any]:
     """Return what the page of a log finds and draws, without sentences."""
-    log = read_log(DATA / f'{name}.mcap', types=PAGE_TYPES, unreadable='count')
-    shown = page_of_log(log)
+    log = read_log(DATA / f'{name}.mcap', types=page.TYPES, unreadable='count')
+    shown = page.page(log)
     first = shown.first
     return {
         'first': first and [first.kind, first.joint, round(first.time, 6)],

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from bridge import EFFECT_FIELDS, EffectField
 import numpy as np
 
 import pfd_core as pfd
+from pfd_core.model import effects
 
 # Fields that hold something else than numbers of a rule.
 OTHERS: dict[str, Any] = {
@@ -22,7 +22,7 @@ OTHERS: dict[str, Any] = {
 }
 
 
-def example(field: EffectField, n: int, seed: int = 1) -> Any:
+def example(field: effects.Field, n: int, seed: int = 1) -> Any:
     """Return a value of a field for n joints; every number differs from the others."""
     if field.name == 'torque_speed':
         return [[(0.2 + 0.1 * i, 6.0 + i), (4.0 + i, 1.0)] for i in range(n)]
@@ -44,9 +44,9 @@ def example(field: EffectField, n: int, seed: int = 1) -> Any:
 def scene_with(*names: str, n: int, **others: Any) -> pfd.Scene:
     """Return a scene with these fields, and with those that they refine."""
     wanted = set(names)
-    while more := {EFFECT_FIELDS[name].needs for name in wanted} - {''} - wanted:
+    while more := {effects.FIELDS[name].needs for name in wanted} - {''} - wanted:
         wanted |= more
-    values = {name: example(EFFECT_FIELDS[name], n) for name in wanted}
+    values = {name: example(effects.FIELDS[name], n) for name in wanted}
     return pfd.Scene(**{'gravity': None, **values, **others})
 
 

@@ -6,13 +6,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bridge import run_program
 import mpmath
 import numpy as np
 import pinocchio as pin
 from zoo import Array, random_chain, to_pinocchio
 
 import pfd_core as pfd
+from pfd_core.machine.emulator import run as run_program
 
 ARMS = ('puma560', 'ur5', 'planar2', 'panda')
 WRENCH = pfd.Scene(external_wrench=True)

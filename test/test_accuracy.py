@@ -11,24 +11,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-from bridge import (
-    FEW_JOINTS,
-    ITERATION_TOLERANCES,
-    MANY_JOINTS,
-    STEP_KIND,
-    KernelSpec,
-    Plant,
-    lower_program,
-    method_roundings,
-    program_operations,
-    record_error,
-    record_forward_dynamics,
-    record_inverse_dynamics,
-    record_refined,
-    resolve_plant,
-    run_program,
-    select_method,
-)
 import mpmath
 import numpy as np
 from numpy.typing import NDArray
@@ -80,6 +62,16 @@ from benchmarks.references.accelerations import (
 )
 from benchmarks.timing import differences
 import pfd_core as pfd
+from pfd_core.dynamics.methods import record_forward_dynamics
+from pfd_core.dynamics.refinement import record_error, record_refined
+from pfd_core.kernels import auto, lower
+from pfd_core.kernels.spec import STEP as STEP_KIND
+from pfd_core.kernels.spec import KernelSpec
+from pfd_core.machine.emulator import run as run_program
+from pfd_core.machine.iteration import TOLERANCES as ITERATION_TOLERANCES
+from pfd_core.model.plant import Plant
+from pfd_core.model.plant import resolve as resolve_plant
+from pfd_core.paper.newton_euler import record_inverse_dynamics
 
 Array = NDArray[np.float64]
 # Forward dynamics of an ordinary arm of six joints errs by up to 16 units of rounding.
@@ -111,11 +103,11 @@ def test_a_distance_along_an_axis_to_a_parallel_joint_costs_no_digits(distance: 
     ids=['slides', 'turns'],
 )
 def test_the_default_keeps_the_digits_where_pivots_lose_them(problem: Problem) -> None:
-    assert method_roundings(problem.plant, FEW_JOINTS) > 32
+    assert auto.roundings(problem.plant, auto.FEW_JOINTS) > 32
     assert error(problem) < LAST_DIGITS
 
 
-FACTOR, BODIES = FEW_JOINTS, MANY_JOINTS
+FACTOR, BODIES = auto.FEW_JOINTS, auto.MANY_JOINTS
 DERIVATIVES: dict[str, Any] = {'quantity': 'derivatives'}
 STEP: dict[str, Any] = {'quantity': STEP_KIND}  # nothing is refined there
 WHOLE = pfd.Scene(external_wrench=True, brakes=True)
@@ -171,8 +163,8 @@ def test_the_default_is_the_cheapest_accurate_method(
 
 def test_units_of_length_and_mass_do_not_change_the_selection() -> None:
     small, plain = (scaled(unit, unit).plant for unit in (2.0**-20, 1.0))
-    for method in (FEW_JOINTS, MANY_JOINTS):
-        assert method_roundings(small, method) == method_roundings(plain, method)
+    for method in (auto.FEW_JOINTS, auto.MANY_JOINTS):
+        assert auto.roundings(small, method) == auto.roundings(plain, method)
 
 
 FAST = {'collinear_axes_1e-12', 'planar_ratio_100', 'ordinary_ur5'}
@@ -217,7 +209,7 @@ def test_in_free_fall_an_arm_is_at_most_four_times_as_inaccurate_as_the_peer(nam
 def test_a_long_chain_agrees_with_pinocchio(n: int) -> None:
     rng = np.random.default_rng(n)
     kernel = pfd.compile_kernel(random_chain(rng, n))
-    assert kernel.method == MANY_JOINTS
+    assert kernel.method == auto.MANY_JOINTS
     assert '@part1.1(' in kernel.ir
     oracle = Oracle(kernel.robot)
     for _ in range(3):
@@ -253,8 +245,8 @@ def emulated(
     stop = ITERATION_TOLERANCES[dtype]
     with np.errstate(all='ignore'):
         recorded = record_refined(plant, method, steps, stop)
-        qdd = run_program(lower_program(recorded, dtype, ['qdd']).compiled, states, dtype)['qdd']
-        program = lower_program(record_error(plant, method, dtype, stop), dtype).compiled
+        qdd = run_program(lower.lower(recorded, dtype, ['qdd']).compiled, states, dtype)['qdd']
+        program = lower.lower(record_error(plant, method, dtype, stop), dtype).compiled
         error = run_program(program, states | {'qdd': qdd}, dtype)['error']
     return qdd, error[:, 0].astype(np.float64)
 
@@ -322,7 +314,7 @@ def test_a_step_costs_one_recursion_and_one_solve_and_at_most_1_6_times_an_answe
     n, work = plant.robot.n, []
     for steps in (0, 1):
         recorded = record_refined(plant, 'composite_body', steps)
-        counts = program_operations(lower_program(recorded, 'float64', ['qdd']).compiled)
+        counts = lower.operations(lower.lower(recorded, 'float64', ['qdd']).compiled)
         assert counts['div'] <= n
         work.append(sum(counts.values()) - counts['neg'])
     recursion, solve = (137 * n - 22) + (101 * n - 11), 2 * n * (n - 1) + n
@@ -404,7 +396,7 @@ def test_the_estimate_is_within_5_percent_of_the_error_of_the_result_refined_or_
         exact = {name: x.astype(np.float64) for name, x in states.items()}
         right = pfd.emulate(robot, **exact, digits=50).qdd
         for refine in (0, 1):
-            name, steps = select_method(plant, method, refine)
+            name, steps = auto.select(plant, method, refine)
             qdd, estimates = emulated(plant, name, steps, dtype, states)
             ratio = estimates / relative_error(qdd, right)
             assert (ratio[:20] <= CLOSE).all(), (dtype, refine, ratio)

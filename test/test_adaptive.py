@@ -11,7 +11,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-import bridge
 from contact_oracle import Motion, random_case, random_start
 import mpmath
 import numpy as np
@@ -21,6 +20,7 @@ import yaml
 from zoo import Array, random_chain, slider
 
 from benchmarks.cases.problems import rods
+from benchmarks.cases.robots import robot as report_robot
 import pfd_core as pfd
 
 # Error of an angle over 3 s in units of rtol: what `integrate` promises.
@@ -186,7 +186,7 @@ def moved(name: str, **settings: Any) -> pfd.AdaptiveTrajectory:
         robot = problem.plant.robot
         start: dict[str, Any] = {key: problem.states[key][0] for key in ('q', 'qd')}
     else:
-        robot = bridge.report_robot(row['arm'])
+        robot = report_robot(row['arm'])
         start = {key: np.zeros(robot.n) + row[key] for key in ('q', 'qd')}
     numbers = row.get('scene', {}).items()
     scene = pfd.Scene(**{k: x if x == 'model' else np.full(robot.n, x) for k, x in numbers})
@@ -429,6 +429,6 @@ def test_the_length_of_the_pieces_does_not_change_a_bit(
 
     wanted = run()
     assert run() == wanted
-    monkeypatch.setattr(*bridge.target('ADAPTIVE_FIRST_OPERATIONS'), 1)
-    monkeypatch.setattr(*bridge.target('ADAPTIVE_PIECE_SECONDS'), 1e-9)
+    monkeypatch.setattr('pfd_core.simulation.adaptive.FIRST_OPERATIONS', 1)
+    monkeypatch.setattr('pfd_core.simulation.adaptive.PIECE_SECONDS', 1e-9)
     assert run() == wanted

@@ -9,13 +9,6 @@ from functools import cache
 import math
 from typing import Any
 
-from bridge import (
-    FORWARD_METHODS,
-    OPERATIONS,
-    PCRBM_ARRAY_SECTION,
-    record_terms,
-    resolve_plant,
-)
 from closed_forms import (
     EVERY_SIZE,
     SIZES,
@@ -33,6 +26,11 @@ from zoo import random_chain, random_state
 
 from benchmarks.cases.robots import uniform_chain
 import pfd_core as pfd
+from pfd_core.dynamics.methods import FORWARD as FORWARD_METHODS
+from pfd_core.machine.operations import OPERATIONS
+from pfd_core.model.plant import resolve as resolve_plant
+from pfd_core.paper.array import SECTION as PCRBM_ARRAY_SECTION
+from pfd_core.paper.composite import record_terms
 
 SERIAL = (*(f'walker_orin_{k}' for k in range(1, 5)), 'articulated_body')
 WRENCHED = pfd.Scene(external_wrench=True)

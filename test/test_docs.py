@@ -17,12 +17,14 @@ import shlex
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from bridge import pfd_commands_of, pfd_parser, resolve_plant
 import numpy as np
 from oracle import Oracle, relative
 import pinocchio as pin
 import pytest
 from tolerances import DYNAMICS
+
+from pfd_core.model.plant import resolve as resolve_plant
+from pfd_ros.cli import main
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / 'docs'
@@ -139,7 +141,7 @@ WITH_COMMANDS = [name for name in TEXTS if commands(name)]
 
 @pytest.mark.parametrize('name', WITH_COMMANDS)
 def test_every_command_has_arguments_that_pfd_takes(name: str) -> None:
-    known = pfd_parser(pfd_commands_of(()))
+    known = main.parser(main.commands_of(()))
     for line in commands(name):
         line = line.partition(' #')[0].partition('--ros-args')[0]
         # A synopsis has its options in brackets: each of them is taken alone.

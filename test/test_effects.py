@@ -13,18 +13,6 @@ import re
 from types import SimpleNamespace
 from typing import Any
 
-from bridge import (
-    EFFECT_FIELDS,
-    ITERATIVE_METHODS,
-    JOINT_VALUES,
-    STEP_VALUES,
-    Effect,
-    KernelSpec,
-    Recorder,
-    record_inverse_dynamics,
-    resolve_plant,
-    run_program,
-)
 from effect_cases import everything, example, scene_with
 from mpmath import mp
 import numpy as np
@@ -36,6 +24,16 @@ from tolerances import ACCELERATION, SINGLE
 from zoo import ODD_ARM, Array, random_chain, random_state, slider, to_pinocchio, without_mass
 
 import pfd_core as pfd
+from pfd_core.dynamics.methods import ITERATIVE as ITERATIVE_METHODS
+from pfd_core.kernels.spec import KernelSpec
+from pfd_core.machine.emulator import run as run_program
+from pfd_core.machine.recorder import Recorder
+from pfd_core.model.effects import FIELDS as EFFECT_FIELDS
+from pfd_core.model.effects import JOINTS as JOINT_VALUES
+from pfd_core.model.effects import STEP as STEP_VALUES
+from pfd_core.model.effects import Effect
+from pfd_core.model.plant import resolve as resolve_plant
+from pfd_core.paper.newton_euler import record_inverse_dynamics
 
 DIGITS = 50
 # Half a step of central differences in 50 digits: their error is its square.

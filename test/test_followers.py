@@ -7,7 +7,6 @@ from __future__ import annotations
 from dataclasses import replace
 import re
 
-from bridge import Follower, resolve_plant, run_program
 import numpy as np
 from oracle import relative
 import pinocchio as pin
@@ -16,6 +15,9 @@ from tolerances import DYNAMICS
 from zoo import BODY, FORK, Array, joint, link, random_chain, to_pinocchio, urdf
 
 import pfd_core as pfd
+from pfd_core.machine.emulator import run as run_program
+from pfd_core.model.plant import resolve as resolve_plant
+from pfd_core.model.robot import Follower
 
 pytestmark = pytest.mark.filterwarnings('ignore:.*mimic others:pfd_core.PhysicsWarning')
 

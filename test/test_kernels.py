@@ -19,8 +19,6 @@ import threading
 import time
 from typing import Any
 
-import bridge
-from bridge import ITERATIVE_METHODS, block_size, run_blocks, run_program, thread_count
 import numpy as np
 from oracle import assert_bits_of_the_emulator
 import pytest
@@ -28,6 +26,9 @@ from sampling import one_fast
 from zoo import random_chain, random_states, without_mass
 
 import pfd_core as pfd
+from pfd_core.dynamics.methods import ITERATIVE as ITERATIVE_METHODS
+from pfd_core.kernels import threads as pool
+from pfd_core.machine.emulator import run as run_program
 
 DTYPES = ('float64', 'float32')
 
@@ -545,11 +546,11 @@ def test_only_forward_dynamics_has_an_error_estimate() -> None:
 @pytest.fixture
 def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     # Blocks of single registers, so that a small batch is shared, and more threads than cores.
-    monkeypatch.setattr(*bridge.target('MIN_BLOCK_WORK'), 1)
-    monkeypatch.setattr(*bridge.target('SINGLE_THREAD_WORK'), 0)
-    monkeypatch.setattr(*bridge.target('cores'), lambda: 8)
-    monkeypatch.setattr(*bridge.target('thread_pool'), None)
-    bridge.new_thread_pool()
+    monkeypatch.setattr('pfd_core.kernels.threads.MIN_BLOCK_WORK', 1)
+    monkeypatch.setattr('pfd_core.kernels.threads.SINGLE_THREAD_WORK', 0)
+    monkeypatch.setattr('pfd_core.kernels.threads.cores', lambda: 8)
+    monkeypatch.setattr('pfd_core.kernels.threads._pool', None)
+    pool._new_pool()
 
 
 in_small_blocks = pytest.mark.usefixtures('_small_blocks')
@@ -603,21 +604,21 @@ def test_an_absurd_number_of_threads_is_cut_to_the_cores() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
     arrays = random_states(2, 300)
     np.testing.assert_array_equal(kernel(*arrays, threads=10**400), kernel(*arrays))
-    assert thread_count(np.int64(10**8)) == bridge.cores()
+    assert pool.thread_count(np.int64(10**8)) == pool.cores()
 
 
 @in_small_blocks
 def test_a_block_is_worth_a_worker_and_answers_a_signal_in_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(*bridge.target('MIN_BLOCK_WORK'), 500_000)
-    monkeypatch.setattr(*bridge.target('SINGLE_THREAD_WORK'), 1_000_000)
-    assert block_size(16_000, 8, 8, 500) == 16_000
-    assert block_size(17_000, 8, 8, 500) == 8000
-    assert block_size(1000, 8, 8, 50_000) == 128
+    monkeypatch.setattr('pfd_core.kernels.threads.MIN_BLOCK_WORK', 500_000)
+    monkeypatch.setattr('pfd_core.kernels.threads.SINGLE_THREAD_WORK', 1_000_000)
+    assert pool.block_size(16_000, 8, 8, 500) == 16_000
+    assert pool.block_size(17_000, 8, 8, 500) == 8000
+    assert pool.block_size(1000, 8, 8, 50_000) == 128
     for number in (1, 2):
-        assert block_size(10**9, number, 8, 500) == 8 * bridge.MAX_BLOCK_WORK // 500
-        assert block_size(10**9, number, 8, 10 * bridge.MAX_BLOCK_WORK) == 8
+        assert pool.block_size(10**9, number, 8, 500) == 8 * pool.MAX_BLOCK_WORK // 500
+        assert pool.block_size(10**9, number, 8, 10 * pool.MAX_BLOCK_WORK) == 8
 
 
 @in_small_blocks
@@ -637,7 +638,7 @@ def test_workers_have_ended_their_blocks_when_the_caller_is_stopped() -> None:
         return 0
 
     with pytest.raises(KeyboardInterrupt):
-        run_blocks(work, 1000, 1, 3)
+        pool.run(work, 1000, 1, 3)
     assert 1 <= len(begun) < 1000
     assert sorted(begun) == sorted(ended)
 
@@ -648,7 +649,7 @@ def test_the_caller_works_alone_where_no_worker_can_be_had(
     stage: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if stage == 'ended':
-        bridge.thread_pool.shutdown()
+        pool._pool.shutdown()
     else:
 
         def refuse(self: threading.Thread) -> None:
@@ -705,7 +706,7 @@ def test_the_smallest_quota_of_all_cgroups_and_the_affinity_bound_the_cores(
 
     monkeypatch.setattr(os, 'sched_getaffinity', lambda _: set(range(8)), raising=False)
     monkeypatch.setattr(Path, 'read_text', read_text)
-    assert bridge.cores.__wrapped__() == expected
+    assert pool.cores.__wrapped__() == expected
 
 
 # ---- memory ----

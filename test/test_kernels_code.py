@@ -18,22 +18,6 @@ import subprocess
 import sys
 from typing import Any
 
-import bridge
-from bridge import (
-    CACHE_VARIABLE,
-    Frame,
-    Target,
-    cache_folder,
-    host_target,
-    ir_inputs_of,
-    ir_kernel_functions,
-    level_target,
-    missing_features,
-    read_cache,
-    simd_width,
-    turned_joints,
-    write_cache,
-)
 import llvmlite.binding as llvm
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +26,8 @@ from sampling import one_fast
 from zoo import random_chain, random_state
 
 import pfd_core as pfd
+from pfd_core.kernels import cache, generate, native, objects, recipes
+from pfd_core.model.robot import Frame
 
 ROOT = Path(__file__).resolve().parent.parent
 LIFETIME = 3600  # [s] of a process; far above what it takes
@@ -78,11 +64,11 @@ pytestmark = pytest.mark.skipif(not hasattr(os, 'geteuid'), reason='modes are th
 def test_variables_name_the_folder(
     variable: str | None, base: str | None, expected: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name, value in ((CACHE_VARIABLE, variable), ('XDG_CACHE_HOME', base), ('HOME', '/home')):
+    for name, value in ((cache.VARIABLE, variable), ('XDG_CACHE_HOME', base), ('HOME', '/home')):
         monkeypatch.delenv(name, raising=False)
         if value is not None:
             monkeypatch.setenv(name, value)
-    assert cache_folder() == (None if expected is None else Path(expected))
+    assert cache.folder() == (None if expected is None else Path(expected))
 
 
 def in_place_of(make: Callable[[Path], object]) -> Callable[[Path], None]:
@@ -112,12 +98,13 @@ DAMAGES: dict[str, Callable[[Path], object]] = {
 CHILD = """
 import json, sys
 import numpy as np
-import bridge
+from pfd_core.kernels import native
+from pfd_core.machine.recorder import Recorder
 import pfd_core as pfd
-emitted, emit = [], bridge.emit_object
-bridge.put('emit_object', lambda *args: emitted.append(1) or emit(*args))
-recorded, begin = [], bridge.Recorder_init
-bridge.put('Recorder_init', lambda *args, **given: recorded.append(1) or begin(*args, **given))
+emitted, emit = [], native.emit
+native.emit = lambda *args: emitted.append(1) or emit(*args)
+recorded, begin = [], Recorder.__init__
+Recorder.__init__ = lambda *args, **given: recorded.append(1) or begin(*args, **given)
 robot = pfd.load_robot(sys.argv[1])
 kernel = pfd.compile_kernel(robot)
 rows = np.random.default_rng(1).uniform(-1, 1, (3, 9, robot.n))
@@ -131,11 +118,11 @@ print(json.dumps([[bits, kernel.operations, kernel.ir, str(kernel.program)], *co
 def test_an_entry_that_cannot_be_used_is_a_miss(folder: Path, damage: str) -> None:
     robot = pfd.load_robot('planar2')
     wanted = answers(pfd.compile_kernel(robot))
-    sound = {path: read_cache(path.stem) for path in folder.iterdir()}
+    sound = {path: cache.read(path.stem) for path in folder.iterdir()}
     assert len(sound) == 3  # roundings of two methods, and the code
     for path in sound:
         DAMAGES[damage](path)
-    assert sound != {path: read_cache(path.stem) for path in sound}
+    assert sound != {path: cache.read(path.stem) for path in sound}
     kernel = pfd.compile_kernel(robot)
     assert answers(kernel) == wanted
     assert kernel.operations
@@ -145,10 +132,10 @@ def test_an_entry_that_cannot_be_used_is_a_miss(folder: Path, damage: str) -> No
 def test_a_folder_in_which_others_could_put_code_is_not_used(
     folder: Path, unsafe: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    write_cache('0' * 64, b'x')
+    cache.write('0' * 64, b'x')
     assert folder.stat().st_mode & 0o777 == 0o700
     assert [path.stat().st_mode & 0o777 for path in folder.iterdir()] == [0o600]
-    assert read_cache('0' * 64) == b'x'
+    assert cache.read('0' * 64) == b'x'
     if unsafe == 'mode':
         folder.chmod(0o720)
     else:
@@ -156,8 +143,8 @@ def test_a_folder_in_which_others_could_put_code_is_not_used(
             os, 'geteuid', lambda: 12345
         )
     for _ in range(2):
-        assert read_cache('0' * 64) is None
-        write_cache('1' * 64, b'x')
+        assert cache.read('0' * 64) is None
+        cache.write('1' * 64, b'x')
     assert [path.stem for path in folder.iterdir()] == ['0' * 64]
     (record,) = caplog.records
     assert str(folder) in record.message
@@ -167,15 +154,15 @@ def test_a_folder_in_which_others_could_put_code_is_not_used(
 def test_the_least_recently_used_entries_are_removed_first_and_nothing_else(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(*bridge.target('CACHE_LIMIT'), 4000)
+    monkeypatch.setattr('pfd_core.kernels.cache.LIMIT', 4000)
     names = [str(k) * 64 for k in range(5)]
     folder.mkdir(mode=0o700)
     (folder / 'notes.txt').write_bytes(bytes(10_000))
     for age, name in enumerate(names[:4]):
-        write_cache(name, bytes(900))
+        cache.write(name, bytes(900))
         os.utime(folder / f'{name}.pfd', (2 + age, 2 + age))
-    assert read_cache(names[0]) == bytes(900)
-    write_cache(names[4], bytes(900))
+    assert cache.read(names[0]) == bytes(900)
+    cache.write(names[4], bytes(900))
     assert {path.stem for path in folder.iterdir()} == {'notes', names[0], names[3], names[4]}
 
 
@@ -201,9 +188,9 @@ def test_a_second_simulation_from_disk_records_no_program(
     first = pfd.Simulator(robot, scene).rollout(np.zeros((3, robot.n)))
     recorded: list[Any] = []
     # Entered for each program that is recorded.
-    uncollected = bridge.recipe_uncollected
+    uncollected = recipes.uncollected
     monkeypatch.setattr(
-        *bridge.target('recipe_uncollected'), lambda: recorded.append(1) or uncollected()
+        'pfd_core.kernels.recipes.uncollected', lambda: recorded.append(1) or uncollected()
     )
     again = pfd.Simulator(robot, scene).rollout(np.zeros((3, robot.n)))
     assert not recorded
@@ -223,7 +210,7 @@ def test_two_processes_at_once_leave_one_sound_copy(folder: Path) -> None:
     assert first[0] == second[0]
     # Roundings of two methods, and the code; nothing unfinished.
     assert len(contents(folder)) == 3
-    assert all(read_cache(Path(name).stem) for name in contents(folder))
+    assert all(cache.read(Path(name).stem) for name in contents(folder))
 
 
 @pytest.mark.slow
@@ -245,12 +232,12 @@ def test_every_robot_scene_method_and_precision_is_kept_apart(
         {'robot': arm, 'dtype': 'float32'},
         {'robot': arm, 'refine': 1},
     ]
-    monkeypatch.setenv(CACHE_VARIABLE, '')
+    monkeypatch.setenv(cache.VARIABLE, '')
     wanted = [seen(pfd.compile_kernel(**choice)) for choice in choices]
     torques = seen(pfd.compile_kernel(arm, quantity='inverse_dynamics'))
     # They differ at all, so that one taken for another would show.
     assert len({*wanted, torques}) == len(choices) + 1
-    monkeypatch.setenv(CACHE_VARIABLE, str(folder))
+    monkeypatch.setenv(cache.VARIABLE, str(folder))
     for _ in range(2):
         count = len(emitted)
         assert [seen(pfd.compile_kernel(**choice)) for choice in choices] == wanted
@@ -289,7 +276,7 @@ def test_where_nothing_can_be_written_kernels_work_after_one_warning(
     (record,) = caplog.records
     assert (record.name, record.levelname) == ('pfd_core', 'WARNING')
     assert f'cannot be kept in {str(folder)!r}' in record.message
-    assert CACHE_VARIABLE in record.message
+    assert cache.VARIABLE in record.message
     assert folder.is_file() or not contents(folder)
 
 
@@ -304,13 +291,13 @@ def test_equal_robots_with_different_frames_have_kernels_of_their_own(folder: Pa
     assert np.abs(first - second).max() > 0.1
 
 
-ARM64 = Target('aarch64-unknown-linux-gnu')
+ARM64 = native.Target('aarch64-unknown-linux-gnu')
 # Levels of x86-64 by which a user names a processor.
 LEVELS = ('x86-64-v2', 'x86-64-v3', 'x86-64-v4')
-X86 = host_target().triple.startswith('x86_64')
-HERE = host_target().cpu
+X86 = native.host().triple.startswith('x86_64')
+HERE = native.host().cpu
 on_x86 = pytest.mark.skipif(not X86, reason='the processors are of x86-64')
-RUNNABLE = [cpu for cpu in LEVELS if X86 and not missing_features(cpu)]
+RUNNABLE = [cpu for cpu in LEVELS if X86 and not native.missing_features(cpu)]
 # The files whose tests run code for every processor.
 TESTED = (
     'test_kernels*.py',
@@ -332,7 +319,7 @@ def features(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, bool]]:
     found = dict(llvm.get_host_cpu_features())
     monkeypatch.setattr(llvm, 'get_host_cpu_features', lambda: found)
     yield found
-    host_target.cache_clear()
+    native.host.cache_clear()
 
 
 def test_a_name_that_is_no_level_is_refused_with_those_that_are(
@@ -352,7 +339,7 @@ def test_without_a_name_the_code_is_for_this_machine(
     monkeypatch.delenv('PFD_TARGET_CPU', raising=False)
     if name is not None:
         monkeypatch.setenv('PFD_TARGET_CPU', name)
-    assert bridge.current_target() == host_target()
+    assert native.current() == native.host()
 
 
 def test_a_processor_whose_features_llvm_cannot_detect_is_named_alone(
@@ -362,15 +349,15 @@ def test_a_processor_whose_features_llvm_cannot_detect_is_named_alone(
         raise RuntimeError('failed to get host cpu features')
 
     monkeypatch.setattr(llvm, 'get_host_cpu_features', unknown)
-    host_target.cache_clear()
-    assert host_target() == Target(llvm.get_process_triple(), llvm.get_host_cpu_name(), '')
-    host_target.cache_clear()
+    native.host.cache_clear()
+    assert native.host() == native.Target(llvm.get_process_triple(), llvm.get_host_cpu_name(), '')
+    native.host.cache_clear()
 
 
 def module(kernel: pfd.Kernel, width: int) -> str:
     """Return the module of a kernel without its entry from Python."""
-    angles, size = turned_joints(kernel.robot), kernel.robot.n
-    return '\n'.join(ir_kernel_functions(kernel.program, kernel.dtype, width, angles, size))
+    angles, size = recipes.turned_joints(kernel.robot), kernel.robot.n
+    return '\n'.join(generate.kernel_functions(kernel.program, kernel.dtype, width, angles, size))
 
 
 @pytest.mark.parametrize('dtype', one_fast(['float64', 'float32'], 'float32'))
@@ -378,16 +365,16 @@ def module(kernel: pfd.Kernel, width: int) -> str:
 def test_a_kernel_compiles_for_processors_that_this_machine_may_not_be(
     name: str, dtype: str
 ) -> None:
-    target = for_arm() if name == 'aarch64' else level_target(name)
+    target = for_arm() if name == 'aarch64' else native.level_target(name)
     scene = pfd.Scene(external_wrench=True, brakes=True)
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'), scene=scene, dtype=dtype)
-    for width in (1, simd_width(dtype, target)):
-        code = bridge.emit_object(module(kernel, width), target)
+    for width in (1, native.simd_width(dtype, target)):
+        code = native.emit(module(kernel, width), target)
         assert OBJECT.match(code)
         assert (code[ELF_MACHINE] == EM_AARCH64) == (name == 'aarch64')
 
 
-def for_arm() -> Target:
+def for_arm() -> native.Target:
     """Return the processor of 64-bit ARM; skip the test where LLVM was built without it."""
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
@@ -467,7 +454,7 @@ def files(patterns: tuple[str, ...]) -> list[str]:
 def test_the_tests_of_kernels_and_simulation_pass_for_every_processor(
     cpu: str, tmp_path: Path
 ) -> None:
-    assert level_target(cpu) != host_target()
+    assert native.level_target(cpu) != native.host()
     # Its header names the processor, which -q would leave out.
     command = (sys.executable, '-m', 'pytest', '-p', 'no:cacheprovider')
     temporary = f'--basetemp={tmp_path / "tests"}'
@@ -574,12 +561,12 @@ def test_arm_and_this_processor_give_the_same_bits(
     wanted = hexadecimal(kernel(*arrays, brakes=brakes))
     (tmp_path / 'main.c').write_text(MAIN)
     target = for_arm()
-    code = bridge.emit_object(module(kernel, simd_width(dtype, target)), target)
+    code = native.emit(module(kernel, native.simd_width(dtype, target)), target)
     (tmp_path / 'kernel.o').write_bytes(code)
     command = [COMPILER, '-O1', '-static', 'main.c', 'kernel.o', '-o', 'main', '-lm']
     subprocess.run(command, cwd=tmp_path, check=True, timeout=LIFETIME)
     inputs = [*arrays, (1.0 - brakes).astype(dtype)]
-    assert ir_inputs_of(kernel.program) == ['q', 'qd', 'tau', 'wrench', 'free']
+    assert generate.inputs_of(kernel.program) == ['q', 'qd', 'tau', 'wrench', 'free']
     words = [str(np.dtype(dtype).itemsize), str(STATES), str(len(inputs) + 1)]
     words += [str(array.shape[1]) for array in inputs] + [str(robot.n)]
     words += [word for array in inputs for word in hexadecimal(array)]
@@ -602,7 +589,7 @@ import json, logging, sys
 import numpy as np
 import pfd_core as pfd
 pfd.compile_kernel  # imports the module
-from bridge import kernel_objects as objects
+from pfd_core.kernels import objects
 objects.ITEMS += int(sys.argv[1])
 warnings, found = [], []
 logging.getLogger('pfd_core').addHandler(handler := logging.Handler())
@@ -672,12 +659,10 @@ def test_another_build_of_python_or_numpy_computes_the_same_bits() -> None:
     'field', ['', 'type', 'data', 'ndim', 'dimensions', 'strides', 'descr', 'flags']
 )
 def test_every_field_of_an_array_is_checked(field: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert pfd.compile_kernel  # imports the module
-    own = bridge.kernel_objects
     # The field is in the place of another one.
-    fields = dict(own.ArrayObject._fields_)
+    fields = dict(objects.ArrayObject._fields_)
     names = [{field: 'base', 'base': field or 'base'}.get(name, name) for name in fields]
     moved = {'_fields_': [(name, fields[name]) for name in names]}
-    monkeypatch.setattr(own, 'ArrayObject', type('Moved', (ctypes.Structure,), moved))
+    monkeypatch.setattr(objects, 'ArrayObject', type('Moved', (ctypes.Structure,), moved))
     # `__wrapped__` is the function without its cache.
-    assert own.supported.__wrapped__() == (not field)
+    assert objects.supported.__wrapped__() == (not field)

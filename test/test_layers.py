@@ -8,7 +8,6 @@ import ast
 from collections.abc import Callable, Iterator
 from graphlib import TopologicalSorter
 import importlib
-import importlib.util
 import json
 import os
 from pathlib import Path
@@ -20,12 +19,9 @@ from typing import Any
 import xml.etree.ElementTree as ET
 import zipfile
 
-import bridge
 import pytest
 
 import pfd_core as pfd
-import pfd_ros
-from pfd_ros import testing
 
 ROOT = Path(__file__).resolve().parent.parent
 # Each package or subpackage, and the others that it may import; `machine` imports no robots.
@@ -262,73 +258,6 @@ def test_pfd_ros_uses_only_the_public_names_of_pfd_core() -> None:
         and not (module == LOOKS_INSIDE[0] and name.startswith(LOOKS_INSIDE[1]))
     ]
     assert not found, '\n'.join(found)
-
-
-def internals(text: str) -> Iterator[str]:
-    """Yield each internal name that the source of a test imports or patches by its path."""
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names if is_internal(alias.name))
-        elif isinstance(node, ast.ImportFrom):
-            names = [f'{node.module}.{alias.name}' for alias in node.names]
-            yield from (name for name in names if is_internal(name))
-        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith('setattr'):
-            # A path is text, which an f-string may begin.
-            (first, *_) = [*ast.walk(node.args[0]), *node.args]
-            for each in ast.walk(first):
-                if isinstance(each, ast.Constant) and is_internal(str(each.value)):
-                    yield str(each.value)
-
-
-def is_internal(name: str) -> bool:
-    """Return whether the name of a module, or of something in it, is not public."""
-    if name.startswith('pfd_ros.testing'):  # the one public subpackage
-        return name.removeprefix('pfd_ros.testing.') not in (name, *testing.__all__)
-    public = {'pfd_core': pfd.__all__, 'pfd_ros': pfd_ros.__all__}
-    package, _, rest = name.partition('.')
-    return package in public and rest != '' and rest.partition('.')[0] not in public[package]
-
-
-def checked_tests() -> list[Path]:
-    """Return the tests and their support files."""
-    return sorted(Path(__file__).parent.rglob('*.py'))
-
-
-def test_tests_reach_internals_only_through_the_bridge() -> None:
-    found = [
-        f'{path.name}: {name}'
-        for path in checked_tests()
-        for name in internals(path.read_text(encoding='utf-8'))
-    ]
-    assert not found, '\n'.join(found)
-
-
-def taken_from_bridge(text: str) -> Iterator[str]:
-    """Yield each name that the source of a test takes from the bridge, in one of its ways."""
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.ImportFrom) and node.module == 'bridge':
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.Attribute) and ast.unparse(node.value) == 'bridge':
-            yield node.attr
-
-
-def test_every_name_of_the_bridge_exists_and_is_used() -> None:
-    names = {**bridge.NAMES, **bridge.PATCHED}
-    assert len(names) == len(bridge.NAMES) + len(bridge.PATCHED)
-    assert set(bridge.OBJECTS) <= bridge.NAMES.keys()
-    words, taken = set(), set()
-    for path in checked_tests():
-        if path.stem != 'bridge':
-            text = path.read_text(encoding='utf-8')
-            words.update(re.findall(r'\w+', text))
-            taken.update(taken_from_bridge(text))
-    assert not sorted(names.keys() - words)
-    assert not sorted(taken - names.keys() - vars(bridge).keys())
-    has_ros = importlib.util.find_spec('rclpy') is not None
-    for name, path in names.items():
-        if has_ros or not path.startswith('pfd_ros.node.'):
-            owner, attribute = bridge.target(name)
-            assert hasattr(owner, attribute), name
 
 
 # Modules and lines of pfd_core that a process imports to compile a kernel of a UR5, at most; no

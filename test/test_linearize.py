@@ -9,7 +9,6 @@ from functools import cache
 import pickle
 from typing import Any
 
-from bridge import STEP_VALUES
 from effect_cases import scene_with
 import mpmath
 import numpy as np
@@ -17,6 +16,7 @@ import pytest
 from zoo import random_chain, slider
 
 import pfd_core as pfd
+from pfd_core.model.effects import STEP as STEP_VALUES
 
 # Central differences of a step in float64: u^(2/3) and its scale; of one with an event, whose
 # time is rounded.

@@ -8,31 +8,6 @@ from fractions import Fraction
 from itertools import pairwise
 import math
 
-import bridge
-from bridge import (
-    MACHINE_SCHEDULES,
-    Instruction,
-    Lanes,
-    ProgramOutput,
-    Recorder,
-    can_be_ordered,
-    eliminate_dead_code,
-    fold_program,
-    fuse_program,
-    fused_multiply_add,
-    iterate,
-    lane_cos,
-    lane_merge,
-    lane_shift,
-    lane_sin,
-    lane_sqrt,
-    lane_where,
-    on_lane,
-    pattern_total,
-    program_operations,
-    run_program,
-    schedule_program,
-)
 import mpmath
 import numpy as np
 from oracle import assert_bits_of_the_emulator
@@ -40,6 +15,25 @@ import pytest
 from zoo import random_chain
 
 import pfd_core as pfd
+from pfd_core.kernels import simplify
+from pfd_core.kernels.lower import operations as program_operations
+from pfd_core.kernels.schedule import can_be_ordered
+from pfd_core.kernels.schedule import schedule as schedule_program
+from pfd_core.machine.emulator import run as run_program
+from pfd_core.machine.fused import fused as fused_multiply_add
+from pfd_core.machine.iteration import iterate
+from pfd_core.machine.lanes import cos as lane_cos
+from pfd_core.machine.lanes import merge as lane_merge
+from pfd_core.machine.lanes import on as on_lane
+from pfd_core.machine.lanes import sin as lane_sin
+from pfd_core.machine.lanes import sqrt as lane_sqrt
+from pfd_core.machine.lanes import where as lane_where
+from pfd_core.machine.program import Instruction
+from pfd_core.machine.program import Output as ProgramOutput
+from pfd_core.machine.recorder import SCHEDULES as MACHINE_SCHEDULES
+from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.paper.lanes import shift as lane_shift
+from pfd_core.paper.patterns import total as pattern_total
 
 
 def sample(n: int, schedule: str) -> pfd.Program:
@@ -331,12 +325,12 @@ def work(program: pfd.Program) -> int:
 
 @pytest.mark.parametrize('seed', range(4))
 def test_passes_keep_bits_but_for_fused_roundings_and_save_operations(seed: int) -> None:
-    program = eliminate_dead_code(random_program(seed))
-    folded = eliminate_dead_code(fold_program(program))
+    program = simplify.eliminate_dead_code(random_program(seed))
+    folded = simplify.eliminate_dead_code(simplify.fold(program))
     assert np.isfinite(result(program)).all()
     assert result(folded).tobytes() == result(program).tobytes()
     assert work(folded) < work(program)
-    fused = eliminate_dead_code(fuse_program(folded))
+    fused = simplify.eliminate_dead_code(simplify.fuse(folded))
     counts, before = program_operations(fused), program_operations(folded)
     assert work(folded) - work(fused) == before['mul'] - counts.get('mul', 0) > 0
     x = np.random.default_rng(1).uniform(-2.0, 2.0, 6)[: folded.inputs['x']]
@@ -360,8 +354,8 @@ def test_a_kernel_in_parts_gives_the_emulators_bits(
 ) -> None:
     # Kernels on disk do not depend on where they were cut.
     monkeypatch.setenv('PFD_CACHE', '')
-    monkeypatch.setattr(*bridge.target('GENERATE_LONGEST'), 0)
-    monkeypatch.setattr(*bridge.target('GENERATE_PART'), 37)
+    monkeypatch.setattr('pfd_core.kernels.generate.LONGEST', 0)
+    monkeypatch.setattr('pfd_core.kernels.generate.PART', 37)
     rng = np.random.default_rng(61)
     scene = pfd.Scene(external_wrench=True, brakes=True, armature='model')
     kernel = pfd.compile_kernel(random_chain(rng, 4), method=method, scene=scene, dtype=dtype)

@@ -8,20 +8,6 @@ from dataclasses import replace
 from functools import cache
 from itertools import product
 
-from bridge import (
-    FORWARD_METHODS,
-    ITERATIVE_METHODS,
-    MACHINE_SCHEDULES,
-    SERIAL_METHODS,
-    Plant,
-    eliminate_dead_code,
-    fold_program,
-    program_operations,
-    record_inverse_dynamics,
-    record_terms,
-    resolve_plant,
-    run_program,
-)
 from closed_forms import chain
 import mpmath
 import numpy as np
@@ -43,6 +29,16 @@ from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS
 from zoo import Array, random_chain, random_state, right_angled, without_mass
 
 import pfd_core as pfd
+from pfd_core.dynamics import methods
+from pfd_core.kernels.lower import operations as program_operations
+from pfd_core.kernels.simplify import eliminate_dead_code
+from pfd_core.kernels.simplify import fold as fold_program
+from pfd_core.machine.emulator import run as run_program
+from pfd_core.machine.recorder import SCHEDULES as MACHINE_SCHEDULES
+from pfd_core.model.plant import Plant
+from pfd_core.model.plant import resolve as resolve_plant
+from pfd_core.paper.composite import record_terms
+from pfd_core.paper.newton_euler import record_inverse_dynamics
 
 EVERYTHING = pfd.Scene(external_wrench=True, damping='model', armature='model', brakes=True)
 # The other schedules of a parallel method are slow: scalar by scalar for one processor.
@@ -53,26 +49,26 @@ CASES = [
         marks=[pytest.mark.slow]
         * (
             method == 'divide_and_conquer'
-            or (method not in SERIAL_METHODS and schedule != 'parallel')
+            or (method not in methods.SERIAL and schedule != 'parallel')
         ),
     )
     # The n iterations of pcgm_1987 end too early in double precision: test_paper_1987.
     for method in (*pfd.METHODS, 'pcrbm_1987')
-    for schedule in (MACHINE_SCHEDULES if method not in SERIAL_METHODS else ('sequential',))
+    for schedule in (MACHINE_SCHEDULES if method not in methods.SERIAL else ('sequential',))
 ]
 # Their link parameters are grouped in float64, and their iterations end before the last digit.
-ROUNDED = ('composite_body', 'grouped_articulated_body', *ITERATIVE_METHODS)
+ROUNDED = ('composite_body', 'grouped_articulated_body', *methods.ITERATIVE)
 on_each = pytest.mark.parametrize(('method', 'schedule'), CASES)
 
 
 def record(method: str, plant: Plant, schedule: str) -> pfd.Program:
-    return FORWARD_METHODS[method](plant, schedule)
+    return methods.FORWARD[method](plant, schedule)
 
 
 def tolerance(method: str, H: Array) -> float:
     """Return how far off rounding may be; an iteration stops at a residual without scaling."""
     condition = jacobi_condition(H)
-    if method in ITERATIVE_METHODS:
+    if method in methods.ITERATIVE:
         condition = max(condition, float(np.linalg.cond(H)))
     return ACCELERATION * condition
 
@@ -154,7 +150,7 @@ def exact(values: Array) -> Array:
 def test_an_inertia_that_is_not_positive_definite_and_nan_are_reported(method: str) -> None:
     def sound(found: dict[str, Array]) -> bool:
         """Return whether a result is reported as usable."""
-        if method in ITERATIVE_METHODS:
+        if method in methods.ITERATIVE:
             return bool(found['converged'][0] == 1)
         return bool((found['pivots'] > 0).all() and np.isfinite(found['qdd']).all())
 
@@ -207,7 +203,7 @@ def test_torque_is_recovered_from_the_accelerations_it_causes(schedule: str) -> 
         )
         q, qd, tau = random_state(rng, robot.n)
         inputs = {'q': q, 'qd': qd, 'wrench': rng.normal(size=6)}
-        qdd = run_program(FORWARD_METHODS['pcrbm'](plant, schedule), {**inputs, 'tau': tau})['qdd']
+        qdd = run_program(methods.FORWARD['pcrbm'](plant, schedule), {**inputs, 'tau': tau})['qdd']
         found = run_program(record_inverse_dynamics(plant, schedule), {**inputs, 'qdd': qdd})[
             'tau'
         ]
@@ -243,9 +239,9 @@ def test_every_method_gives_pinocchios_accelerations(method: str) -> None:
     result = pfd.emulate(robot, q, qd, tau, method=method, wrench=wrench)
     assert relative(result.qdd, wanted) < most
     assert result.status == 'ok'
-    assert (result.iterations is not None) == (method in ITERATIVE_METHODS)
+    assert (result.iterations is not None) == (method in methods.ITERATIVE)
     assert result.cycles == (5 * n - 2 if method == 'pcrbm_array' else None)
-    assert result.program.lanes == (1 if method in SERIAL_METHODS else n)
+    assert result.program.lanes == (1 if method in methods.SERIAL else n)
     assert 0 < result.utilisation <= 1
     found = pfd.forward_dynamics(robot, q, qd, tau, method=method, wrench=wrench)
     assert relative(found, wanted) < most
@@ -343,7 +339,7 @@ MOST = [
 
 @pytest.mark.parametrize(('method', 'name', 'most'), MOST)
 def test_the_arms_take_no_more_operations_than_promised(method: str, name: str, most: int) -> None:
-    recorded = FORWARD_METHODS[method](resolve_plant(pfd.load_robot(name)), 'sequential')
+    recorded = methods.FORWARD[method](resolve_plant(pfd.load_robot(name)), 'sequential')
     counts = program_operations(eliminate_dead_code(fold_program(recorded), ['qdd']))
     assert sum(k for op, k in counts.items() if op not in ('sin', 'cos', 'neg')) <= most
 
@@ -351,7 +347,7 @@ def test_the_arms_take_no_more_operations_than_promised(method: str, name: str, 
 # ---- constraint forces ----
 
 
-CONSTRAINED = FORWARD_METHODS['constraint_forces']
+CONSTRAINED = methods.FORWARD['constraint_forces']
 
 
 def constraint_matrix(oracle: Oracle, q: Array) -> Array:
@@ -415,7 +411,7 @@ def test_unsupported_arms_are_refused(robot: pfd.Robot, scene: pfd.Scene, messag
 # ---- divide and conquer ----
 
 
-DIVIDED = FORWARD_METHODS['divide_and_conquer']
+DIVIDED = methods.FORWARD['divide_and_conquer']
 MASSLESS = (
     *((4, (1,)), (5, (1, 2)), (6, (0, 2, 4))),
     pytest.param(8, (1, 2, 5, 6), marks=pytest.mark.slow),
@@ -449,7 +445,7 @@ def test_links_a_millionth_of_their_load_are_lent_rotors_and_keep_their_digits()
     q, qd, tau = random_state(rng, 6)
     inputs = {'q': q, 'qd': qd, 'tau': tau}
     exact = run_program(
-        FORWARD_METHODS['pcrbm'](resolve_plant(robot), 'parallel'), inputs, digits=50
+        methods.FORWARD['pcrbm'](resolve_plant(robot), 'parallel'), inputs, digits=50
     )['qdd']
     found = run_program(DIVIDED(resolve_plant(robot), 'parallel'), inputs)['qdd']
     tolerance = ACCELERATION * jacobi_condition(Oracle(robot).H(q))

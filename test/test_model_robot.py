@@ -14,7 +14,6 @@ import pickle
 import re
 from typing import Any
 
-from bridge import LARGEST_MODEL_FILE, SPIN_UP_TIME, Frame, resolve_plant, run_program
 import numpy as np
 from oracle import Oracle, relative
 import pinocchio as pin
@@ -34,6 +33,11 @@ from zoo import (
 )
 
 import pfd_core as pfd
+from pfd_core.machine.emulator import run as run_program
+from pfd_core.model.loading import LARGEST_FILE as LARGEST_MODEL_FILE
+from pfd_core.model.plant import resolve as resolve_plant
+from pfd_core.model.robot import Frame
+from pfd_core.model.rotors import SPIN_UP_TIME
 
 SEEDS = range(2)
 

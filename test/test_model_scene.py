@@ -10,12 +10,12 @@ import pickle
 import re
 import warnings
 
-from bridge import resolve_plant
 import numpy as np
 import pytest
 from zoo import ODD_ARM, random_chain, to_pinocchio
 
 import pfd_core as pfd
+from pfd_core.model.plant import resolve as resolve_plant
 
 # One product with a rotation: three products and two sums.
 ROUNDING = 4 * np.finfo(float).eps

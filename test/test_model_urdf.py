@@ -12,8 +12,6 @@ import sys
 from typing import Any
 import warnings
 
-import bridge
-from bridge import ROBOT_JOINT_FIELDS, ROBOT_LINK_FIELDS, resolve_plant, run_program
 import numpy as np
 from oracle import relative
 import pinocchio as pin
@@ -33,6 +31,10 @@ from zoo import (
 )
 
 import pfd_core as pfd
+from pfd_core.machine.emulator import run as run_program
+from pfd_core.model.plant import resolve as resolve_plant
+from pfd_core.model.robot import JOINT_FIELDS as ROBOT_JOINT_FIELDS
+from pfd_core.model.robot import LINK_FIELDS as ROBOT_LINK_FIELDS
 
 
 def assert_same_frames(robot: pfd.Robot, text: str, locked: Mapping[str, float]) -> None:
@@ -1356,7 +1358,7 @@ def test_time_and_length_of_an_expansion_are_bounded(
     path = xacro_file(tmp_path, f'<robot name="${{\'a\' * 2**25}}" {EXPANDING}/>')
     with pytest.raises(ValueError, match='characters, more than the 16777216 supported'):
         pfd.load_robot(path)
-    monkeypatch.setattr(*bridge.target('XACRO_MOST_SECONDS'), 0.001)
+    monkeypatch.setattr('pfd_core.model.apart.SECONDS', 0.001)
     with pytest.raises(ValueError, match=r'did not expand .* within 0\.001 s; it was stopped'):
         pfd.load_robot(path)
 

@@ -10,22 +10,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-from bridge import (
-    FORWARD_METHODS,
-    MISPRINTS_AS_PRINTED,
-    MISPRINTS_OF,
-    PCGM_STEP_4,
-    PCGM_STEP_7,
-    PCRBM_A_3,
-    PCRBM_A_8,
-    PCRBM_CHOLESKY,
-    PCRBM_STEP_6,
-    SERIAL_METHODS,
-    record_pcgm_1987,
-    record_pcrbm_1987,
-    resolve_plant,
-    run_program,
-)
 from closed_forms import (
     Counts,
     arithmetic,
@@ -44,6 +28,12 @@ from benchmarks.cases import conjugate
 from benchmarks.cases.paper import AS_PRINTED, CORRECTED, row
 from benchmarks.cases.robots import uniform_chain
 import pfd_core as pfd
+from pfd_core.dynamics import methods
+from pfd_core.machine.emulator import run as run_program
+from pfd_core.model.plant import resolve as resolve_plant
+from pfd_core.paper import editions
+from pfd_core.paper.composite import record_pcrbm_1987
+from pfd_core.paper.conjugate import record_pcgm_1987
 
 METHODS = ('pcrbm_1987', 'pcgm_1987')
 RIGHT_ANGLED = pfd.Scene(external_wrench=True, damping='model', armature='model', brakes=True)
@@ -66,7 +56,7 @@ def test_n_iterations_of_1987_are_the_answer_in_fifty_digits(n: int) -> None:
     robot, given = right_angled(n)
     given['free'] = (np.arange(n) % 3 != 1).astype(float)
     plant = resolve_plant(robot, RIGHT_ANGLED)
-    wanted = run_program(FORWARD_METHODS['pcrbm'](plant, 'parallel'), given, digits=50)['qdd']
+    wanted = run_program(methods.FORWARD['pcrbm'](plant, 'parallel'), given, digits=50)['qdd']
     for schedule in ('parallel', 'sequential'):
         found = run_program(record_pcgm_1987(plant, schedule), given, digits=50)
         assert found['iterations'] <= n
@@ -96,7 +86,7 @@ def test_emulate_runs_the_edition_with_misprints_and_does_not_call_it_right(meth
     assert run.status == 'wrong'
     assert 'set ordering' in run.steps_by_section or 'step 5' in run.steps_by_section
     record = record_pcrbm_1987 if method == 'pcrbm_1987' else record_pcgm_1987
-    wanted = record(resolve_plant(robot), 'parallel', misprints=MISPRINTS_AS_PRINTED[method])
+    wanted = record(resolve_plant(robot), 'parallel', misprints=editions.AS_PRINTED[method])
     assert run.program == wanted
 
 
@@ -126,7 +116,7 @@ def test_an_unknown_misprint_is_an_error() -> None:
 def test_cholesky_as_printed_gives_no_arm_its_accelerations(name: str) -> None:
     robot = pfd.load_robot(name)
     q, qd, tau = random_state(np.random.default_rng(5), robot.n)
-    program = record_pcrbm_1987(resolve_plant(robot), 'parallel', misprints=[PCRBM_CHOLESKY])
+    program = record_pcrbm_1987(resolve_plant(robot), 'parallel', misprints=[editions.CHOLESKY])
     with np.errstate(all='ignore'):
         found = run_program(program, {'q': q, 'qd': qd, 'tau': tau})['qdd']
     assert not relative(found, Oracle(robot).qdd(q, qd, tau)) < 0.01  # NaN, or far off
@@ -136,7 +126,7 @@ def test_cholesky_as_printed_is_right_for_one_joint_of_unit_inertia() -> None:
     # l_11 = sqrt(h_11) in both; n = 1 has no product.
     robot = chain(1)
     q, qd, tau = random_state(np.random.default_rng(6), 1)
-    program = record_pcrbm_1987(resolve_plant(robot), 'parallel', misprints=[PCRBM_CHOLESKY])
+    program = record_pcrbm_1987(resolve_plant(robot), 'parallel', misprints=[editions.CHOLESKY])
     found = run_program(program, {'q': q, 'qd': qd, 'tau': tau})['qdd']
     assert relative(found, Oracle(robot).qdd(q, qd, tau)) < ACCELERATION
 
@@ -146,7 +136,7 @@ def test_step_6_as_printed_is_wrong_only_for_sliding_joints() -> None:
     for sliding in (False, True):
         robot = chain(4, prismatic=sliding)
         q, qd, tau = random_state(rng, 4)
-        program = record_pcrbm_1987(resolve_plant(robot), 'parallel', misprints=[PCRBM_STEP_6])
+        program = record_pcrbm_1987(resolve_plant(robot), 'parallel', misprints=[editions.STEP_6])
         with np.errstate(all='ignore'):
             found = run_program(program, {'q': q, 'qd': qd, 'tau': tau})['qdd']
         off = relative(found, Oracle(robot).qdd(q, qd, tau))
@@ -160,11 +150,11 @@ def test_equations_of_appendix_a_as_printed_are_wrong() -> None:
         robot = random_chain(rng, 4, joint_types=types)
         q, qd, tau = random_state(rng, 4)
         wanted = Oracle(robot).qdd(q, qd, tau)
-        for misprint in (PCRBM_A_3, PCRBM_A_8):
+        for misprint in (editions.A_3, editions.A_8):
             program = record_pcrbm_1987(resolve_plant(robot), 'parallel', misprints=[misprint])
             with np.errstate(all='ignore'):
                 found = run_program(program, {'q': q, 'qd': qd, 'tau': tau})['qdd']
-            right = misprint == PCRBM_A_8 and 'prismatic' not in types
+            right = misprint == editions.A_8 and 'prismatic' not in types
             assert (relative(found, wanted) < 1e-3) == right
 
 
@@ -172,7 +162,7 @@ def test_step_7_as_printed_loses_the_iterate() -> None:
     robot = pfd.load_robot('ur5')
     q, qd, tau = random_state(np.random.default_rng(11), 6)
     given = {'q': q, 'qd': qd, 'tau': tau}
-    program = record_pcgm_1987(resolve_plant(robot), 'parallel', misprints=[PCGM_STEP_7])
+    program = record_pcgm_1987(resolve_plant(robot), 'parallel', misprints=[editions.STEP_7])
     assert not relative(run_program(program, given)['qdd'], Oracle(robot).qdd(q, qd, tau)) < 0.01
 
 
@@ -182,10 +172,10 @@ def test_step_4_as_printed_gives_the_answer_plus_the_estimate() -> None:
     x0 = np.random.default_rng(9).normal(size=6)
     given = {'q': q, 'qd': qd, 'tau': tau, 'start': x0}
     plant = resolve_plant(robot)
-    exact = run_program(FORWARD_METHODS['pcrbm'](plant, 'parallel'), given, digits=50)['qdd']
+    exact = run_program(methods.FORWARD['pcrbm'](plant, 'parallel'), given, digits=50)['qdd']
     with mpmath.workdps(50):
         shifted = exact + x0
-    for misprints, wanted in (((), exact), ((PCGM_STEP_4,), shifted)):
+    for misprints, wanted in (((), exact), ((editions.STEP_4,), shifted)):
         program = record_pcgm_1987(plant, 'parallel', misprints=misprints, start=True)
         assert error(run_program(program, given, digits=50)['qdd'], wanted) < 1e-30
 
@@ -193,7 +183,7 @@ def test_step_4_as_printed_gives_the_answer_plus_the_estimate() -> None:
 def test_conjugate_gradients_that_start_at_the_answer_end_at_once() -> None:
     # They stop by |tau - b|: by the residual of the start they would go on to its rounding.
     robot = uniform_chain(6)
-    program = FORWARD_METHODS['pcgm'](resolve_plant(robot), 'parallel', start=True)
+    program = methods.FORWARD['pcgm'](resolve_plant(robot), 'parallel', start=True)
     for seed in range(5):
         q, qd, tau = random_state(np.random.default_rng(seed), 6)
         given = {'q': q, 'qd': qd, 'tau': tau}
@@ -278,7 +268,7 @@ def of_twist(n: int, square: bool) -> pfd.Robot:
 def test_pcrbm_of_1987_has_its_closed_forms(
     n: int, square: bool, schedule: str, literal: bool
 ) -> None:
-    misprints = MISPRINTS_OF['pcrbm_1987'] if literal else ()
+    misprints = editions.OF_PROCEDURE['pcrbm_1987'] if literal else ()
     plant = resolve_plant(of_twist(n, square))
     program = record_pcrbm_1987(plant, schedule, misprints=misprints)
     assert by_section(program) == pcrbm_parts(n, schedule == 'parallel', literal, square)
@@ -307,7 +297,7 @@ def pcgm_parts(n: int, literal: bool, square: bool = False) -> dict[str, Counts]
 @pytest.mark.parametrize('literal', [False, True])
 @pytest.mark.parametrize(('square', 'n'), TWISTS)
 def test_pcgm_of_1987_has_its_closed_forms(n: int, square: bool, literal: bool) -> None:
-    misprints = MISPRINTS_OF['pcgm_1987'] if literal else ()
+    misprints = editions.OF_PROCEDURE['pcgm_1987'] if literal else ()
     plant = resolve_plant(of_twist(n, square))
     program = record_pcgm_1987(plant, 'parallel', misprints=misprints)
     assert by_section(program) == pcgm_parts(n, literal, square)
@@ -500,7 +490,7 @@ def test_methods_that_take_rotations_as_they_are_have_all_digits(method: str) ->
     exact = pfd.emulate(robot, *state, digits=60).qdd
     run = pfd.emulate(robot, *state, method=method, digits=40)
     off = float(abs(run.qdd - exact).max() / abs(exact).max())
-    orthogonal = method in SERIAL_METHODS or method in (
+    orthogonal = method in methods.SERIAL or method in (
         'articulated_body_doubling',
         'constraint_forces',
     )

@@ -9,21 +9,6 @@ from functools import partial
 import math
 from typing import Any
 
-from bridge import (
-    MACHINE_SCHEDULES,
-    Recorder,
-    SystolicArray,
-    SystolicLink,
-    SystolicLinkError,
-    SystolicPorts,
-    SystolicStep,
-    array_pipeline,
-    array_solve,
-    literal_array,
-    literal_factor,
-    run_program,
-    set_ordering,
-)
 from closed_forms import EVERY_SIZE
 import mpmath
 import numpy as np
@@ -33,18 +18,26 @@ from benchmarks.cases.paper import claimed, value
 from benchmarks.pages import array as page
 from benchmarks.pages import worked_example
 import pfd_core as pfd
+from pfd_core.machine.emulator import run as run_program
+from pfd_core.machine.recorder import SCHEDULES as MACHINE_SCHEDULES
+from pfd_core.machine.recorder import Recorder
+from pfd_core.paper import systolic
+from pfd_core.paper.array import literal_array
+from pfd_core.paper.array import pipeline as array_pipeline
+from pfd_core.paper.array import solve as array_solve
+from pfd_core.paper.set_ordering import literal_factor, set_ordering
 
-FIRST = SystolicLink((1, 0), (1, 1))
+FIRST = systolic.Link((1, 0), (1, 1))
 
 
-def row_of_cells(n: int, cell: Any) -> SystolicArray:
+def row_of_cells(n: int, cell: Any) -> systolic.Array:
     """Return n cells in a row_of_cells, linked from left to right, open at both ends."""
-    links = [SystolicLink((1, i), (1, i + 1)) for i in range(n + 1)]
-    return SystolicArray({(1, i): cell for i in range(1, n + 1)}, links)
+    links = [systolic.Link((1, i), (1, i + 1)) for i in range(n + 1)]
+    return systolic.Array({(1, i): cell for i in range(1, n + 1)}, links)
 
 
-def pass_on(state: Any, ports: SystolicPorts) -> SystolicStep:
-    return SystolicStep(state, {'right': ports['left']}, 'pass')
+def pass_on(state: Any, ports: systolic.Ports) -> systolic.Step:
+    return systolic.Step(state, {'right': ports['left']}, 'pass')
 
 
 def test_an_item_takes_one_cycle_to_each_neighbour() -> None:
@@ -56,12 +49,12 @@ def test_an_item_takes_one_cycle_to_each_neighbour() -> None:
 
 def test_all_latches_change_at_once_whatever_the_order_of_the_cells() -> None:
     # Each cell keeps the last item and sends the one before: a wrong order would mix cycles.
-    def delay(state: Any, ports: SystolicPorts) -> SystolicStep:
-        return SystolicStep(ports['left'], {} if state is None else {'right': state}, 'delay')
+    def delay(state: Any, ports: systolic.Ports) -> systolic.Step:
+        return systolic.Step(ports['left'], {} if state is None else {'right': state}, 'delay')
 
     items = dict(enumerate('abcdefgh', 1))
     forward = row_of_cells(3, delay)
-    backward = SystolicArray(dict(reversed(forward.cells.items())), forward.links)
+    backward = systolic.Array(dict(reversed(forward.cells.items())), forward.links)
     traces = [array.run({FIRST: items}) for array in (forward, backward)]
     assert traces[0].steps == traces[1].steps
     assert traces[0].states == traces[1].states == {(1, 1): 'h', (1, 2): 'g', (1, 3): 'f'}
@@ -69,13 +62,13 @@ def test_all_latches_change_at_once_whatever_the_order_of_the_cells() -> None:
 
 
 def test_a_cell_cannot_read_where_it_has_no_link() -> None:
-    def peek(state: Any, ports: SystolicPorts) -> SystolicStep:
+    def peek(state: Any, ports: systolic.Ports) -> systolic.Step:
         assert ports.get('up') is None
         assert 'up' not in ports
-        return SystolicStep(ports['up'])
+        return systolic.Step(ports['up'])
 
-    array = SystolicArray({(1, 1): pass_on, (1, 2): peek}, row_of_cells(2, pass_on).links)
-    with pytest.raises(SystolicLinkError, match=r"reads from 'up', but only has .*'left'"):
+    array = systolic.Array({(1, 1): pass_on, (1, 2): peek}, row_of_cells(2, pass_on).links)
+    with pytest.raises(systolic.LinkError, match=r"reads from 'up', but only has .*'left'"):
         array.run({FIRST: {1: 'a'}})
 
 
@@ -87,22 +80,22 @@ def test_a_cell_cannot_read_where_it_has_no_link() -> None:
     ],
 )
 def test_a_cell_cannot_send_where_it_has_no_link(way: str, message: str) -> None:
-    with pytest.raises(SystolicLinkError, match=message):
-        row_of_cells(2, lambda state, ports: SystolicStep(state, {way: 1})).run({FIRST: {1: 'a'}})
+    with pytest.raises(systolic.LinkError, match=message):
+        row_of_cells(2, lambda state, ports: systolic.Step(state, {way: 1})).run({FIRST: {1: 'a'}})
 
 
 @pytest.mark.parametrize(
     ('link', 'message'),
     [
-        (SystolicLink((1, 1), (1, 3)), r'\(1, 1\) -> \(1, 3\) must join a cell with a neigh'),
-        (SystolicLink((1, 1), (2, 2)), r'\(1, 1\) -> \(2, 2\) must join a cell with a neigh'),
-        (SystolicLink((1, 1), (1, 1)), r'\(1, 1\) -> \(1, 1\) must join a cell with a neigh'),
-        (SystolicLink((5, 5), (5, 6)), r'\(5, 5\) -> \(5, 6\) must join a cell with a neigh'),
+        (systolic.Link((1, 1), (1, 3)), r'\(1, 1\) -> \(1, 3\) must join a cell with a neigh'),
+        (systolic.Link((1, 1), (2, 2)), r'\(1, 1\) -> \(2, 2\) must join a cell with a neigh'),
+        (systolic.Link((1, 1), (1, 1)), r'\(1, 1\) -> \(1, 1\) must join a cell with a neigh'),
+        (systolic.Link((5, 5), (5, 6)), r'\(5, 5\) -> \(5, 6\) must join a cell with a neigh'),
     ],
 )
-def test_links_join_neighbours_and_touch_a_cell(link: SystolicLink, message: str) -> None:
-    with pytest.raises(SystolicLinkError, match=message):
-        SystolicArray({(1, 1): pass_on}, [FIRST, link])
+def test_links_join_neighbours_and_touch_a_cell(link: systolic.Link, message: str) -> None:
+    with pytest.raises(systolic.LinkError, match=message):
+        systolic.Array({(1, 1): pass_on}, [FIRST, link])
 
 
 # ---- the array ----
@@ -183,14 +176,14 @@ def test_a_cell_that_compares_numbers_keeps_an_equal_element_too(second: float) 
     # Column 1 of Figure 2 (b) as printed, u_in = h_ki: h_21 and h_31 pass P_21 on their way.
     wanted = {(1, 1): 1.0, (1, 2): second}
 
-    def keeps(number: float, kept: list[float] | None, ports: SystolicPorts) -> SystolicStep:
+    def keeps(number: float, kept: list[float] | None, ports: systolic.Ports) -> systolic.Step:
         item, kept = ports['left'], kept or []
         equal = item == number
-        return SystolicStep([*kept, item] if equal else kept, {} if equal else {'right': item})
+        return systolic.Step([*kept, item] if equal else kept, {} if equal else {'right': item})
 
     links = row_of_cells(2, pass_on).links
     cells = {place: partial(keeps, number) for place, number in wanted.items()}
-    trace = SystolicArray(cells, links).run({FIRST: {1: 1.0, 2: second}})
+    trace = systolic.Array(cells, links).run({FIRST: {1: 1.0, 2: second}})
     assert (trace.states[1, 1], trace.states[1, 2]) == (
         ([1.0], [2.0]) if second == 2.0 else ([1.0, 1.0], None)
     )

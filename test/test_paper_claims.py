@@ -14,16 +14,6 @@ from pathlib import Path
 import re
 from typing import Any
 
-from bridge import (
-    FORWARD_METHODS,
-    MISPRINTS_OF,
-    Recorder,
-    pattern_prefix_affine,
-    record_inverse_dynamics,
-    resolve_plant,
-    run_program,
-    vector_array,
-)
 import numpy as np
 import pytest
 
@@ -34,6 +24,14 @@ from benchmarks.cases.robots import uniform_chain
 from benchmarks.pages import claims as page
 from benchmarks.table import json_text, stored_table
 import pfd_core as pfd
+from pfd_core.dynamics.methods import FORWARD as FORWARD_METHODS
+from pfd_core.machine.emulator import run as run_program
+from pfd_core.machine.recorder import Recorder
+from pfd_core.machine.vectors import array as vector_array
+from pfd_core.model.plant import resolve as resolve_plant
+from pfd_core.paper.editions import OF_PROCEDURE as MISPRINTS_OF
+from pfd_core.paper.newton_euler import record_inverse_dynamics
+from pfd_core.paper.patterns import prefix_affine as pattern_prefix_affine
 
 ROOT = Path(__file__).resolve().parent.parent
 STORED = ROOT / 'docs' / 'report' / 'claims.json'

@@ -8,14 +8,6 @@ from functools import cache
 import math
 from typing import Any
 
-from bridge import (
-    FORWARD_METHODS,
-    ITERATIVE_METHODS,
-    SERIAL_METHODS,
-    literal_array,
-    record_inverse_dynamics,
-    resolve_plant,
-)
 from closed_forms import arithmetic, chain, levels, rounds
 import numpy as np
 import pytest
@@ -38,11 +30,15 @@ from benchmarks.cases.robots import uniform_chain
 from benchmarks.pages import counts as page
 from benchmarks.pages.counts import arithmetic_of, counted_parts, efficiency, speed_up
 import pfd_core as pfd
+from pfd_core.dynamics import methods
+from pfd_core.model.plant import resolve as resolve_plant
+from pfd_core.paper.array import literal_array
+from pfd_core.paper.newton_euler import record_inverse_dynamics
 
 SIZES = page.SIZES
 EDITIONS = ('as printed', 'corrected', 'best known')
 AS_PRINTED, CORRECTED, BEST_KNOWN = EDITIONS
-DIRECT = tuple(method for method in pfd.METHODS if method not in ITERATIVE_METHODS)
+DIRECT = tuple(method for method in pfd.METHODS if method not in methods.ITERATIVE)
 Row = dict[str, Any]
 
 
@@ -270,7 +266,7 @@ def test_direct_methods_stay_at_or_below_the_papers_formulas(method: str) -> Non
 def test_a_puma_takes_27_l_minus_19_multiplications_and_18_l_minus_14_additions(name: str) -> None:
     robot = pfd.load_robot(name)
     L = levels(robot.n)
-    program = FORWARD_METHODS['pcrbm_1987'](resolve_plant(robot), 'parallel')
+    program = methods.FORWARD['pcrbm_1987'](resolve_plant(robot), 'parallel')
     counts = program.count(section='orientation')
     # By hand, twists 0 and 90 degrees: four elements are sums of two products, four others free.
     assert (counts.multiplications, counts.additions) == (27 * L - 19, 18 * L - 14)
@@ -339,7 +335,7 @@ def check_ratios(counts: Row, least: Row) -> None:
     assert counts['own'] <= counts['work']
     if direct and counts['edition'] != AS_PRINTED:
         assert counts['own'] >= least['best']
-        if counts['system'] in SERIAL_METHODS:
+        if counts['system'] in methods.SERIAL:
             assert speed_up(counts, 'own') == 1
 
 
@@ -358,7 +354,7 @@ def test_no_efficiency_is_above_one(n: int) -> None:
 @pytest.mark.parametrize('n', one_fast([2, 3, 5], 3))
 def test_no_efficiency_is_above_one_at_any_number_of_processors(n: int) -> None:
     for method in DIRECT:
-        if method not in SERIAL_METHODS and method != 'divide_and_conquer':
+        if method not in methods.SERIAL and method != 'divide_and_conquer':
             for p in range(1, n + 1):
                 check_ratios(row(method, n, processors=p), best_serial(n))
 
@@ -373,11 +369,11 @@ def test_one_processor_is_as_fast_as_the_serial_recording_and_moves_nothing(meth
 
 @pytest.mark.parametrize('n', one_fast([2, 6, 10], 6))
 def test_no_method_for_n_lanes_beats_thebest_serial_one_on_one_processor(n: int) -> None:
-    titles = {counted(x, n)['title'] for x in SERIAL_METHODS}
+    titles = {counted(x, n)['title'] for x in methods.SERIAL}
     assert best_serial(n)['title'] in titles
     for method in DIRECT:
         for edition in editions_of(method)[-2:]:
-            if method not in SERIAL_METHODS:
+            if method not in methods.SERIAL:
                 assert counted(method, n, edition)['own'] > best_serial(n)['best']
 
 

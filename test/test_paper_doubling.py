@@ -12,15 +12,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from bridge import (
-    FORWARD_METHODS,
-    MACHINE_SCHEDULES,
-    Recorder,
-    doubling_plan,
-    joined_links,
-    resolve_plant,
-    run_program,
-)
 from closed_forms import LENGTHS, arithmetic, by_section, chain, levels, routes_by_section
 import numpy as np
 from oracle import Oracle, jacobi_condition, relative
@@ -30,6 +21,13 @@ from tolerances import ACCELERATION
 from zoo import Array, random_chain, random_state, without_mass
 
 import pfd_core as pfd
+from pfd_core.dynamics.methods import FORWARD as FORWARD_METHODS
+from pfd_core.machine.emulator import run as run_program
+from pfd_core.machine.recorder import SCHEDULES as MACHINE_SCHEDULES
+from pfd_core.machine.recorder import Recorder
+from pfd_core.model.plant import resolve as resolve_plant
+from pfd_core.paper.articulated_doubling import joined_links
+from pfd_core.paper.articulated_doubling import plan as doubling_plan
 
 DOUBLED = FORWARD_METHODS['articulated_body_doubling']
 SERIAL = FORWARD_METHODS['articulated_body']

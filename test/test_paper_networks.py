@@ -12,20 +12,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-from bridge import (
-    FORWARD_METHODS,
-    NetworkError,
-    NetworkHop,
-    carry_messages,
-    default_pcgm_limit,
-    network_carrier,
-    network_hops,
-    network_steps,
-    network_wiring,
-    resolve_plant,
-    route_steps,
-    run_program,
-)
 import numpy as np
 import pytest
 from sampling import one_fast
@@ -57,6 +43,17 @@ from benchmarks.pages.since_1987 import (
 )
 from benchmarks.table import json_text
 import pfd_core as pfd
+from pfd_core.dynamics.methods import FORWARD as FORWARD_METHODS
+from pfd_core.machine.emulator import run as run_program
+from pfd_core.model.plant import resolve as resolve_plant
+from pfd_core.paper.conjugate import default_limit as default_pcgm_limit
+from pfd_core.paper.networks import Hop as NetworkHop
+from pfd_core.paper.networks import NetworkError, route_steps
+from pfd_core.paper.networks import carrier as network_carrier
+from pfd_core.paper.networks import carry as carry_messages
+from pfd_core.paper.networks import hops as network_hops
+from pfd_core.paper.networks import steps as network_steps
+from pfd_core.paper.networks import wiring as network_wiring
 
 LANES = (1, 2, 3, 5, 6, 8, 11, 16)
 

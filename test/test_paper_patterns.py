@@ -11,21 +11,6 @@ from pathlib import Path
 import re
 from typing import Any
 
-from bridge import (
-    MACHINE_SCHEDULES,
-    LaneArray,
-    Recorder,
-    lane_broadcast,
-    on_lane,
-    pattern_column_sweep,
-    pattern_prefix,
-    pattern_prefix_affine,
-    pattern_row_sweep,
-    pattern_suffix,
-    pattern_suffix_affine,
-    run_program,
-    vector_array,
-)
 from closed_forms import LENGTHS, levels
 import numpy as np
 import pytest
@@ -33,6 +18,13 @@ import pytest
 from benchmarks.cases import worked_example
 from benchmarks.pages import array as array_page
 import pfd_core as pfd
+from pfd_core.machine.emulator import run as run_program
+from pfd_core.machine.lanes import on as on_lane
+from pfd_core.machine.recorder import SCHEDULES as MACHINE_SCHEDULES
+from pfd_core.machine.recorder import LaneArray, Recorder
+from pfd_core.machine.vectors import array as vector_array
+from pfd_core.paper import patterns
+from pfd_core.paper.lanes import broadcast as lane_broadcast
 
 Places = list[tuple[Any, int]]
 # Sums of up to 32 products of numbers near one, in another order than NumPy's.
@@ -78,7 +70,7 @@ def rotations(rng: np.random.Generator, n: int) -> np.ndarray:
 @on_each_schedule
 @downward_or_not
 def test_fohra_multiplies_matrices_in_order(schedule: str, downward: bool) -> None:
-    pattern = pattern_suffix if downward else pattern_prefix
+    pattern = patterns.suffix if downward else patterns.prefix
     for n in LENGTHS:
         R = rotations(np.random.default_rng(n), n)
         y, steps = outcome(
@@ -99,7 +91,7 @@ def test_fohra_multiplies_matrices_in_order(schedule: str, downward: bool) -> No
 def test_foihra_solves_the_recurrence_for_any_n(
     schedule: str, downward: bool, matrices: bool
 ) -> None:
-    pattern = pattern_suffix_affine if downward else pattern_prefix_affine
+    pattern = patterns.suffix_affine if downward else patterns.prefix_affine
 
     def record(recorder: Recorder) -> Places:
         b = rows(recorder, 'b', 3)
@@ -133,7 +125,7 @@ def test_the_row_sweep_adds_up_columns_from_the_diagonal(schedule: str) -> None:
         n, x0, a = recorder.lanes, rows(recorder, 'x0', 3), rows(recorder, 'a', 3)
         # a(i, j) = a(i): row i has it on the lanes behind the diagonal.
         terms = [on_lane(lane_broadcast(a, i), range(i + 1, n)) for i in range(n - 1)]
-        swept = pattern_row_sweep(terms, x0)
+        swept = patterns.row_sweep(terms, x0)
         return [(x, j) for i in range(n) for j in range(i, n) for x in swept[i]]
 
     for n in LENGTHS:
@@ -166,7 +158,7 @@ def test_the_column_sweep_solves_triangular_systems(
         ]
         diagonal = None if unit else recorder.input('T', [i * (n + 1) for i in range(n)])
         b = recorder.input('b', range(n))
-        x = pattern_column_sweep(columns, b, diagonal, downward)
+        x = patterns.column_sweep(columns, b, diagonal, downward)
         return [(x, i) for i in range(n)]
 
     for n in LENGTHS:

@@ -18,7 +18,6 @@ from typing import Any
 import warnings
 import xml.etree.ElementTree as ElementTree
 
-from bridge import cached_kernel
 import numpy as np
 import pytest
 from sampling import one_fast
@@ -26,6 +25,7 @@ from urdf_models import example
 from zoo import WHEEL, joint, link, random_state, urdf, without_mass
 
 import pfd_core as pfd
+from pfd_core.kernels.compile import _kept_kernel as cached_kernel
 
 ROBOT = pfd.load_robot('planar2')
 ZERO = np.zeros(2)

@@ -10,29 +10,6 @@ from functools import cache
 from itertools import product
 from typing import Any
 
-from bridge import (
-    DERIVATIVE_MODES,
-    OPERATIONS,
-    Frame,
-    Lanes,
-    Plant,
-    Recorder,
-    derivative_program,
-    directional_program,
-    fold_program,
-    fuse_program,
-    lane_cos,
-    lane_sin,
-    lane_sqrt,
-    lane_where,
-    lower_program,
-    program_operations,
-    record_derivatives,
-    record_forward_dynamics,
-    resolve_plant,
-    rotation_z,
-    run_program,
-)
 import mpmath
 import numpy as np
 from numpy.typing import ArrayLike
@@ -46,6 +23,17 @@ from zoo import Array, random_chain, random_state
 from benchmarks.cases.robots import coaxial
 from benchmarks.cases.robots import robot as robot_called
 import pfd_core as pfd
+from pfd_core.dynamics.acceleration import record_derivatives
+from pfd_core.dynamics.methods import record_forward_dynamics
+from pfd_core.kernels import lower, simplify
+from pfd_core.machine import derivative, lanes
+from pfd_core.machine.emulator import run as run_program
+from pfd_core.machine.operations import OPERATIONS
+from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.model.geometry import rotation_z
+from pfd_core.model.plant import Plant
+from pfd_core.model.plant import resolve as resolve_plant
+from pfd_core.model.robot import Frame
 
 FEW, MANY = 6, 100
 SEVERAL = [FEW, pytest.param(MANY, marks=[pytest.mark.slow, pytest.mark.long])]
@@ -174,8 +162,8 @@ def test_the_base_link_does_not_move_and_a_wrench_on_it_needs_no_torques(name: s
     k = np.ones(6)
     equal(quantity('wrench_torques', robot, frame=base, q=q, wrench=k), np.zeros(n))
     for key in ('tip_pose', 'tip_jacobian', 'tip_velocity', 'wrench_torques'):
-        still = lower_program(pfd.QUANTITIES[key](resolve_plant(robot), base), 'float64').compiled
-        assert program_operations(still) == {}, key
+        still = lower.lower(pfd.QUANTITIES[key](resolve_plant(robot), base), 'float64').compiled
+        assert lower.operations(still) == {}, key
         assert still.inputs['q'] == n
 
 
@@ -200,8 +188,8 @@ def test_a_frame_within_the_chain_does_not_feel_the_joints_beyond() -> None:
 def test_quantities_take_no_more_operations_than_promised(name: str) -> None:
     plant = resolve_plant(pfd.load_robot(name))
     for key, most in MOST[name].items():
-        program = lower_program(pfd.QUANTITIES[key](plant), 'float64').compiled
-        counts = program_operations(program)
+        program = lower.lower(pfd.QUANTITIES[key](plant), 'float64').compiled
+        counts = lower.operations(program)
         assert sum(count for op, count in counts.items() if op != 'neg') <= most, key
 
 
@@ -234,7 +222,7 @@ def differences(
 RULES = [name for name, row in OPERATIONS.items() if row.partials or name == 'select']
 # Central differences over 1e-16 on 50 digits: 1e-32 are cut off, 1e-34 rounded.
 RULE_DIFFERENCES = 1e-28
-in_both_modes = pytest.mark.parametrize('mode', DERIVATIVE_MODES)
+in_both_modes = pytest.mark.parametrize('mode', derivative.MODES)
 
 
 def recorded(size: int, function: Callable[..., Any]) -> pfd.Program:
@@ -247,7 +235,7 @@ def recorded(size: int, function: Callable[..., Any]) -> pfd.Program:
 
 
 def jacobian(program: pfd.Program, x: Any, mode: str, digits: int | None = 50) -> Any:
-    made = derivative_program(program, ['y'], ['x'], mode)
+    made = derivative.derivative(program, ['y'], ['x'], mode)
     return run_program(made, {'x': x}, digits=digits)['d y/d x']
 
 
@@ -280,15 +268,15 @@ def test_each_rule_agrees_with_differences_for_inputs_equal_operands_and_constan
 
 def all_operations(x: Lanes, y: Lanes, z: Lanes) -> tuple[Lanes, ...]:
     """Return composite functions of all operations, with shared parts, for |x| < 1."""
-    root = lane_sqrt(1.0 - x * x) + y
-    angle = z * root / (3.0 + lane_sin(x * y))
-    first = lane_cos(angle) * lane_sin(angle) - lane_where(z, angle * z, -z)
+    root = lanes.sqrt(1.0 - x * x) + y
+    angle = z * root / (3.0 + lanes.sin(x * y))
+    first = lanes.cos(angle) * lanes.sin(angle) - lanes.where(z, angle * z, -z)
     return first, first * first + root * 0.25, -(y / root) + 2.0, x, root - root + 1.5
 
 
 def sums(x: Lanes, y: Lanes, z: Lanes) -> tuple[Lanes, ...]:
     """Return sums of products that fuse in every way, of operands that depend on all inputs."""
-    a, b, c = lane_sin(x) + y, x / y, lane_sqrt(x * x + y) + z
+    a, b, c = lanes.sin(x) + y, x / y, lanes.sqrt(x * x + y) + z
     p = b * a
     fused = (a * b + c, c + a * c, b * c - a, c - a * a, a * b - b * c, a * a - b * b)
     return *fused, a * c + a, 1.0 - 3.0 * b, 2.5 * a - (b * -1.0 + c), p + p, p - c, c - p
@@ -302,11 +290,11 @@ def test_composite_functions_agree_with_differences_and_both_modes_with_each_oth
     program = recorded(3, function)
     if passes != 'recorded':
         program = (
-            fold_program(program) if passes == 'folded' else fuse_program(fold_program(program))
+            simplify.fold(program) if passes == 'folded' else simplify.fuse(simplify.fold(program))
         )
     for x in (['0.3', '1.2', '-0.8'], ['-0.6', '2.1', '0.9']):
         point = [mpmath.mpf(v) for v in x]
-        tangent, adjoint = (jacobian(program, point, mode) for mode in DERIVATIVE_MODES)
+        tangent, adjoint = (jacobian(program, point, mode) for mode in derivative.MODES)
         assert close(tangent, differences(program, {'x': point}, 'y', 'x'))
         assert close(tangent, adjoint, FIFTY_DIGITS)
 
@@ -315,7 +303,7 @@ def test_directional_derivatives_are_products_with_the_jacobian() -> None:
     program = recorded(3, all_operations)
     rng = np.random.default_rng(2)
     x, dx = rng.uniform(0.1, 0.9, 3), rng.normal(size=3)
-    made = directional_program(program, ['y'], ['x'])
+    made = derivative.directional(program, ['y'], ['x'])
     assert made.inputs == {'x': 3, 'd x': 3}
     found = run_program(made, {'x': x, 'd x': dx}, digits=50)['d y'].astype(float)
     wanted = jacobian(program, x, 'tangent').astype(float) @ dx
@@ -472,10 +460,10 @@ def test_derivatives_take_no_more_operations_than_promised(
     name: str, factors: int, whole: float
 ) -> None:
     robot = robot_called(name)
-    program = lower_program(record_derivatives(resolve_plant(robot)), 'float64').compiled
+    program = lower.lower(record_derivatives(resolve_plant(robot)), 'float64').compiled
     elements = [program.instructions[register] for register, _ in program.outputs['D'].places]
     product = robot.n * sum(one.op != 'constant' for one in elements)
-    counts = program_operations(program)
+    counts = lower.operations(program)
     work = sum(counts.values()) - counts.get('neg', 0)
     assert work <= factors
     assert work + product <= whole

@@ -10,7 +10,6 @@ from itertools import pairwise
 import math
 from typing import Any
 
-from bridge import STIFF_DECAY, TABLEAUX
 import numpy as np
 from oracle import Oracle
 import pinocchio as pin
@@ -19,6 +18,8 @@ from sampling import one_fast
 from zoo import WHEEL, Array, joint, link, slider, to_pinocchio, urdf
 
 import pfd_core as pfd
+from pfd_core.simulation.stiffness import STIFF as STIFF_DECAY
+from pfd_core.simulation.tableaux import TABLEAUX
 
 INTEGRATORS = tuple(TABLEAUX)
 

@@ -9,13 +9,6 @@ import ctypes
 import itertools
 from typing import Any
 
-from bridge import (
-    WRAP_LIMIT,
-    Recorder,
-    run_program,
-    sincos,
-    wrap_angle_ir,
-)
 import llvmlite.binding as llvm
 import mpmath
 import numpy as np
@@ -24,6 +17,10 @@ import pytest
 from zoo import random_chain, random_states
 
 import pfd_core as pfd
+from pfd_core.kernels.sines import WRAP_LIMIT, sincos
+from pfd_core.kernels.sines import wrap_angle as wrap_angle_ir
+from pfd_core.machine.emulator import run as run_program
+from pfd_core.machine.recorder import Recorder
 
 LARGEST_K = 63662  # WRAP_LIMIT in quarter turns
 SMALLEST_SWEPT = 1e-6  # below it r**3 / 6 is under half a unit in float32, and sin x is x

@@ -28,7 +28,7 @@ from pfd_ros.arm.events import (
     RefusedError,
     Verdict,
 )
-from pfd_ros.arm.state import BRAKE, EFFORT, POSITION, VELOCITY
+from pfd_ros.arm.state import BRAKE, EFFORT, POSITION, VELOCITY, State
 from pfd_ros.messages.joints import JOINT_FIELDS, Joints, decode_joints
 from pfd_ros.messages.text_and_arrays import decode_floats
 from pfd_ros.text import cut, listed
@@ -145,7 +145,7 @@ def command(
     """
     state, link = arm.state, arm.link
     state.sent += 1
-    state.trajectory = None
+    end(state)
     following = state.cycle + 1
     if state.period == following:
         remarks += _overwritten(arm, joints)
@@ -177,6 +177,13 @@ def command(
     else:  # it is one array: it acts already
         state.heard = following
     return remarks
+
+
+def end(state: State) -> None:
+    """End a trajectory: its joints keep the last positions as targets, and are to stop there."""
+    if state.trajectory is not None:
+        state.newest[VELOCITY, state.trajectory.joints] *= 0.0  # NaN, of a joint without, stays
+        state.trajectory = None
 
 
 def _overwritten(arm: Arm, joints: Any) -> Remarks:

@@ -505,12 +505,14 @@ def with_joint_numbers(
     for row in PER_JOINT:
         if row.field not in numbers:
             continue
-        values = dict(zip(names, joint_values(row, settings, robot, order), strict=True))
+        values = dict.fromkeys(names, 0.0)
         strange = [joint for joint in numbers[row.field] if joint not in values]
         if strange:
             raise ValueError(
                 f'{row.name}.{cut(str(strange[0]))}: no such joint; joints are {listed(names)}'
             )
+        if len(numbers[row.field]) < len(names):  # a convention may have none for so many joints
+            values.update(zip(names, joint_values(row, settings, robot, order), strict=True))
         values.update(numbers[row.field])
         changed: dict[str, Any] = {row.field: tuple(values.values())}
         settings = dataclasses.replace(settings, **changed)

@@ -10,7 +10,8 @@ gains; efforts alone need none.
 
 A sample is a command like any other: delay, drop-out, limits and reflexes act on it, and the
 watchdog rests. In lockstep the arm waits for no answer before the last point. The next command or
-trajectory, a reset, a jump, a deactivation and a reflex end a trajectory.
+trajectory, a reset, a jump, a deactivation and a reflex end a trajectory; joints that the command
+does not name hold the last target.
 Source: ros2_controllers 6.9.0, joint_trajectory_controller/doc/trajectory.rst.
 """
 
@@ -22,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.commands import check_reach, command
+from pfd_ros.arm.commands import check_reach, command, end
 from pfd_ros.arm.events import Change, RefusedError
 from pfd_ros.arm.state import EFFORT
 from pfd_ros.messages.cdr import NANOSECONDS
@@ -109,6 +110,10 @@ def rule(arm: Arm, data: bytes) -> Change:
     idle = [x for x, k in zip(names, joints, strict=True) if not arm.actuators.p[k] > 0.0]
     if len(position) and idle:
         raise RefusedError('no_effort', f'no servo gain for the positions of {listed(idle)}')
+    if state.first.follows_clock and state.until_ns is None:
+        raise RefusedError(
+            'refused', 'no tick of the clock yet: its start is at no time of the arm'
+        )
     start, now = found.stamp_ns or arm.stamp_ns, arm.stamp_ns
     if start < state.reset_ns or start + times[-1] < now:
         raise RefusedError('stale', f'it ends before {now} ns, or is from before a reset')
@@ -124,6 +129,7 @@ def _follow(
 ) -> None:
     """Take over a trajectory, from the state that the joints have now."""
     state, now = arm.state, arm.stamp_ns
+    end(state)
     if now < times[0]:
         row, times = state.rows[state.now][:, joints], np.append(now, times)
         first = {
@@ -181,6 +187,7 @@ def advance(arm: Arm) -> None:
     effort, position, velocity = plan.at(arm.stamp_ns)
     if velocity is not None:
         velocity = np.where(arm.actuators.d[plan.joints] > 0.0, velocity, np.nan)
-    command(arm, plan.joints, effort, position, velocity)
     # A command ends a trajectory, but not its own.
+    arm.state.trajectory = None
+    command(arm, plan.joints, effort, position, velocity)
     arm.state.trajectory = plan

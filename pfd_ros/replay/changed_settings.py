@@ -3,8 +3,9 @@
 """Settings of a run with something changed: KEY=VALUE, keys by the parameters of the node.
 
 Settings that are not named stay as they were recorded. Settings about parts of the model (`MODEL`)
-begin anew with `robot=`; numbers of each joint are carried over by name. A scene file takes the
-place of all effects of the recording.
+begin anew with `robot=`; numbers of each joint are carried over by name, but for defaults, which
+are those of the new model, convention and switches. A scene file takes the place of all effects of
+the recording.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 import json
+import math
 from typing import Any, NamedTuple
 
 import pfd_core as pfd
@@ -24,6 +26,8 @@ from pfd_ros.arm.settings import (
     FIELDS,
     PER_JOINT,
     Settings,
+    joint_order,
+    joint_values,
     split_joints,
     with_convention,
     with_joint_numbers,
@@ -119,25 +123,30 @@ def _json_or_text(key: str, text: str) -> Any:
 def changed_arm(log: Log, changes: Changes) -> ChangedArm:
     """Return the arm of a recording after changes; ValueError if they do not go with it."""
     values, of_joints = changes
-    settings, robot, urdf = ChangedArm(log.settings, log.robot)
+    old = _with_scene(log.settings, changes)
+    settings, robot, urdf = ChangedArm(old, log.robot)
     if 'robot' in values:
-        settings, robot, urdf = _other_robot(log, values)
+        settings, robot, urdf = _other_robot(log, old, values)
     else:
         unbound = sorted(values.keys() & set(MODEL))
         if unbound:
             raise ValueError(
                 f'{unbound[0]} needs robot=: a recording holds its robot as one chain of joints'
             )
-    if 'joints' in values:
-        names = settings.joints or robot.joint_names, values['joints'] or robot.joint_names
-        if sorted(names[0]) == sorted(names[1]):  # others are refused by the arm
-            settings = replace(settings, **_by_name(settings, *names))
-    settings = _with_scene(settings, changes)
-    values = with_convention(settings, values)
-    settings = replace(settings, **{k: v for k, v in values.items() if k not in MODEL})
+    moving = robot.joint_names
+    start = dict(zip(settings.joints or moving, settings.initial_positions, strict=False))
+    order = values.get('joints', settings.joints) or moving
+    at = tuple(start.get(joint, 0.0) for joint in order) if start else ()
+    numbers = _given(old, log.robot, changes)
+    new = with_convention(settings, values) | dict.fromkeys(numbers, ())
+    new = {'initial_positions': at} | {k: v for k, v in new.items() if k not in MODEL}
+    settings = replace(settings, **new)
     if values.get('scene'):
         settings = with_scene_text(settings)
-    return ChangedArm(with_joint_numbers(settings, robot, of_joints), robot, urdf)
+    for field, given in numbers.items():
+        kept = {joint: number for joint, number in given.items() if joint in moving}
+        numbers[field] = kept | of_joints.get(field, {})
+    return ChangedArm(with_joint_numbers(settings, robot, {**of_joints, **numbers}), robot, urdf)
 
 
 def described_arm(changes: Changes) -> ChangedArm:
@@ -151,10 +160,9 @@ def described_arm(changes: Changes) -> ChangedArm:
     return ChangedArm(settings, found.robot, _text(lambda: found.text))
 
 
-def _other_robot(log: Log, values: Mapping[str, Any]) -> ChangedArm:
-    """Return settings with the numbers of each joint by name, another robot, and its URDF."""
-    settings, default = log.settings, Settings()
-    names = published_names(log)
+def _other_robot(log: Log, settings: Settings, values: Mapping[str, Any]) -> ChangedArm:
+    """Return settings without numbers of each joint, another robot, and its URDF."""
+    default, names = Settings(), published_names(log)
     anew = [*MODEL, *_PER_JOINT, 'joints', 'initial_positions']
     fresh = {name: getattr(default, name) for name in anew}
     given = {name: values[name] for name in ('robot', *MODEL) if name in values}
@@ -172,22 +180,35 @@ def _other_robot(log: Log, values: Mapping[str, Any]) -> ChangedArm:
             f'scene=FILE for {listed(moving)}, or scene= for none'
         )
     keeps = sorted(names) == sorted(moving) and bool(settings.joints)
-    carried = _by_name(settings, names, names if keeps else moving)
     its = dict(zip(moving, found.settings.initial_positions, strict=False))
     its |= dict(zip(names, settings.initial_positions or (0.0,) * len(names), strict=True))
-    carried['joints'] = names if keeps else ()
-    at = tuple(its.get(joint, 0.0) for joint in carried['joints'] or moving)
-    carried['initial_positions'] = at if any(at) else ()
-    return ChangedArm(replace(found.settings, **carried), new, _text(lambda: found.text))
+    order = names if keeps else ()
+    at = tuple(its.get(joint, 0.0) for joint in order or moving)
+    settings = replace(found.settings, joints=order, initial_positions=at if any(at) else ())
+    return ChangedArm(settings, new, _text(lambda: found.text))
 
 
-def _by_name(settings: Settings, old: Sequence[str], new: Sequence[str]) -> dict[str, Any]:
-    """Return the numbers of each joint for other joints or another order; new ones have 0."""
-    moved: dict[str, Any] = {}
-    for name in (*_PER_JOINT, 'initial_positions'):
-        row = dict(zip(old, getattr(settings, name), strict=False))
-        moved[name] = tuple(row.get(joint, 0.0) for joint in new) if row else ()
-    return moved
+def _given(settings: Settings, robot: pfd.Robot, changes: Changes) -> dict[str, dict[str, float]]:
+    """Return the numbers of single joints by field, as far as no change replaces them.
+
+    Settings do not state which numbers were given. One that equals the default of the model or the
+    convention is left out, since another model, convention or switch has another default.
+    """
+    order = joint_order(settings.joints, robot)
+    found = {}
+    for row in PER_JOINT:
+        numbers: tuple[float, ...] = getattr(settings, row.field)
+        if row.field in changes.values or not numbers:
+            continue
+        default: Sequence[float] = [math.nan] * len(order)
+        # Static friction stays if friction alone changes by its numbers.
+        if row.joint_default not in {*changes.values, *changes.of_joints}:
+            with suppress(ValueError):  # the convention has none for so many joints
+                bare: dict[str, Any] = {row.field: ()}
+                default = joint_values(row, replace(settings, **bare), robot, order)
+        rows = zip(order, numbers, default, strict=True)
+        found[row.field] = {robot.joint_names[k]: x for k, x, usual in rows if x != usual}
+    return found
 
 
 def _text(urdf: Callable[[], str]) -> str:

@@ -25,7 +25,7 @@ from pfd_ros.arm import events
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import ARRAY, INPUTS, NAMED, REJECTED, STATES, Message, Verdict
 from pfd_ros.arm.other_inputs import encode_changes, encode_request
-from pfd_ros.arm.settings import PER_JOINT, joint_order
+from pfd_ros.arm.settings import PER_JOINT, joint_order, joint_values
 from pfd_ros.messages.cdr import NANOSECONDS, STAMP, TIME, Reader
 from pfd_ros.messages.joints import decode_joints, encode_joints
 from pfd_ros.messages.text_and_arrays import decode_floats, decode_string, encode_floats
@@ -214,12 +214,17 @@ class _Moves:
         return ARRAY, encode_floats([efforts[self._names.index(name)] for name in names])
 
     def _reordered(self, data: bytes) -> bytes:
-        """Return new values of settings with the numbers of each joint by name."""
-        values = json.loads(decode_string(data))
+        """Return new values of settings with the numbers of each joint by name.
+
+        Joints that the log has not keep theirs.
+        """
+        values, engine = json.loads(decode_string(data)), self._engine
         for row in PER_JOINT:
             if values.get(row.field):
+                now = joint_values(row, engine.state.settings, engine.robot, engine.order.tolist())
                 old = dict(zip(self._names, values[row.field], strict=True))
-                values[row.field] = [old.get(name, 0.0) for name in self._engine.names]
+                numbers = zip(engine.names, now, strict=True)
+                values[row.field] = [old.get(name, number) for name, number in numbers]
         return encode_changes(values)
 
     def _rescaled(self, data: bytes, cycle: int) -> bytes:

@@ -28,7 +28,7 @@ from pfd_ros.arm import events
 from pfd_ros.arm.description import link_frames
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import STATES, Message
-from pfd_ros.arm.settings import FIELDS, SIMULATED, Settings
+from pfd_ros.arm.settings import FIELDS, SIMULATED, Settings, with_convention
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
@@ -72,6 +72,8 @@ class WhatIf:
     # The log of the new run; the changes as given.
     log: Path
     changes: tuple[str, ...]
+    # What another convention changes besides, NAME=VALUE.
+    also: tuple[str, ...]
     # Of the new run, 'auto' resolved; its simulated time, s.
     robot: str
     settings: Settings
@@ -132,6 +134,7 @@ class Case(NamedTuple):
     # Topics of a recording by role; the inputs of a bag.
     topics: Mapping[str, str]
     bag: BagInputs | None = None
+    also: tuple[str, ...] = ()
 
 
 # Runs a changed arm before its first cycle to the end of the log; raises no error of a controller.
@@ -215,6 +218,7 @@ def what_if(
         source=path,
         log=target,
         changes=tuple(changes),
+        also=case.also,
         robot=case.robot.name,
         settings=engine.state.first,
         seconds=(engine.stamp_ns - engine.state.origin_ns) / NANOSECONDS,
@@ -334,6 +338,16 @@ def _of_recording(path: Path, changes: Changes) -> Case:
         arrays.complete,
         _unreadable(arrays, topic),
         log.topics,
+        also=_also(log.settings, changes),
+    )
+
+
+def _also(settings: Settings, changes: Changes) -> tuple[str, ...]:
+    values = with_convention(settings, changes.values)
+    return tuple(
+        f'{name}={value}'
+        for name, value in values.items()
+        if name not in changes.values and value != getattr(settings, name)
     )
 
 
@@ -428,6 +442,10 @@ def lines(found: WhatIf) -> list[str]:
         f'{found.source}: {found.robot}, {" ".join(found.changes) or "nothing changed"}',
         f'new run    {found.log}, {found.seconds:.3f} s, compared with {found.states} states',
     ]
+    if found.also:
+        rows.append(
+            f'besides    the convention changes {" ".join(found.also)}; name what is to stay'
+        )
     rows.append(f'loop       {found.loop}')
     if found.times:
         rows.append(f'times      {found.times} of the messages; states of {found.states_topic}')

@@ -102,6 +102,8 @@ def asked(text: str) -> ArmMessage:
 
 # Settings, and by them a message with its verdict, and a part of its detail.
 VERDICTS: list[tuple[dict[str, Any], list[tuple[ArmMessage, str, str]]]] = [
+    # Its first tick sets time: a trajectory from before would be over at once.
+    (CLOCKED, [(trajectory(['elbow'], [1.0], effort=[[1.0]]), 'refused', 'no tick')]),
     (
         FREE,
         [
@@ -660,6 +662,23 @@ def test_a_trajectory_ends_with_the_next_command_a_jump_a_reset_and_a_stop(event
         engine.step([request('activate')])
         target = engine.state.newest[2]
         assert all(np.isnan(target) | (target == before))
+
+
+@pytest.mark.parametrize(
+    'event',
+    [
+        trajectory(['elbow'], [0.5], positions=[[0.0]]),
+        named(['elbow'], [0.0], position=[0.0], velocity=[0.0]),
+    ],
+    ids=['trajectory', 'command'],
+)
+def test_joints_that_the_next_command_does_not_name_come_to_rest_at_the_last_target(event) -> None:
+    engine = made(**SERVO, **START, **WEIGHTLESS)
+    states(engine, PLANNED, cycles=500)
+    there = engine.state.newest[2, 0]
+    assert engine.state.newest[3, 0] == pytest.approx(0.7)
+    near = state(engine, event, cycles=3000)
+    np.testing.assert_allclose(near.position, [there, 0.0], rtol=0, atol=1e-6)
 
 
 def test_a_sample_is_lost_delayed_and_seen_by_the_watchdog_as_a_command_is() -> None:

@@ -173,6 +173,12 @@ def test_settings_that_do_not_go_with_a_convention_name_what_is_needed(
         made(joint_damping=(1.0, 1.0), **chosen)
 
 
+def test_an_arm_of_another_size_has_the_scales_that_are_given_for_each_joint() -> None:
+    given = {'shoulder': 0.25, 'elbow': 0.5}
+    arm = LockstepArm('planar2', convention='ur', viscous_scale=given, coulomb_scale=given)
+    assert arm.settings.viscous_scale == (0.25, 0.5)
+
+
 # ---- gravity, payload, friction
 
 

@@ -317,6 +317,43 @@ def test_numbers_of_joints_are_changed_in_each_spelling(tmp_path: Path) -> None:
         assert (found.joint_friction, found.static_friction) == (friction, static)
 
 
+def with_friction(path: Path, *friction: float) -> str:
+    """Write planar2, for three numbers with a wrist, with friction and damping in the model."""
+    text = with_wrist(path).read_text()
+    if len(friction) == 2:
+        text = pfd.robot_to_urdf(pfd.load_robot('planar2'))
+    heads = re.findall('<joint [^>]*type="[cr][^>]*>', text)
+    for head, number in zip(heads, friction, strict=True):
+        text = text.replace(head, f'{head}<dynamics friction="{number}" damping="{number}"/>')
+    path.write_text(text)
+    return str(path)
+
+
+def test_numbers_that_were_defaults_are_those_of_the_new_model_convention_and_switch(
+    tmp_path: Path,
+) -> None:
+    path, three = tmp_path / 'a.mcap', with_friction(tmp_path / 'three.urdf', 5.0, 6.0, 7.0)
+    usual = {'convention': 'franka', 'friction': True, 'damping': True}
+    # As the node holds friction.elbow, viscous_scale.elbow and servo_p.elbow.
+    usual |= {'joint_friction': (1.0, 3.0), 'viscous_scale': (1.0, 0.5), 'servo_p': (0.0, 4.0)}
+    usual['robot'] = with_friction(tmp_path / 'two.urdf', 1.0, 2.0)
+    simulate(path, 9, {3: [efforts(1.0, 2.0)], 5: [change(servo_p=[1.0, 2.0])]}, **usual)
+    for words, friction, scale in (
+        ([f'robot={three}'], (5, 3, 7), (1, 0.5, 1)),
+        (['friction=false'], (0, 3), (1, 0.5)),
+        (['convention=plain'], (1, 3), (0, 0.5)),
+        (['friction.shoulder=9'], (9, 3), (1, 0.5)),
+    ):
+        found = what_if(path, words).settings
+        assert (found.joint_friction, found.viscous_scale) == (friction, scale)
+    # What was set while it ran is of the joints of the log. What a convention sets is stated.
+    scales = ['viscous_scale=[1, 1, 1]', 'coulomb_scale=[1, 1, 1]']
+    found = what_if(path, [f'robot={three}', 'servo_p.wrist=7', 'convention=ur', *scales])
+    (event,) = (m for m in RecordedLog(found.log).messages() if m.role == 'parameters')
+    assert event.data == change(servo_p=[1.0, 2.0, 7.0]).data
+    assert 'step_size=0.002' in found.also
+
+
 def test_a_scene_file_takes_the_place_of_all_effects(tmp_path: Path) -> None:
     settings = {'joint_friction': (0.3, 0.4), 'gravity': (0.0, 0.0, -1.0)}
     events = {3: [efforts(1.0, 2.0)]}

@@ -164,7 +164,7 @@ def start_demo(folder: Path, domain: int) -> subprocess.Popen[str]:
 
 def check_demo(folder: Path, process: subprocess.Popen[str]) -> str:
     printed = process.communicate(timeout=3 * PATIENCE)[0]
-    # On a busy machine commands may be lost and the arm leave its motion, and nothing else.
+    # On a busy machine commands may be lost, periods missed and the motion left, and nothing else.
     failures = re.findall('FAILED: (.*)', printed)
     assert all(failure.startswith('the arm was') for failure in failures), printed
     assert process.returncode == (1 if failures else 0), printed
@@ -175,7 +175,8 @@ def check_demo(folder: Path, process: subprocess.Popen[str]) -> str:
     assert '<html' in base.with_suffix('.html').read_text(encoding='utf-8')
     assert bridge.verify_log(base.with_suffix('.mcap')).complete
     if not failures:
-        assert re.search('^page +here/arm_0.html: nothing went wrong', printed, re.MULTILINE)
+        fine = r'^page +here/arm_0.html: (nothing went wrong|.*\(busy machine\)$)'
+        assert re.search(fine, printed, re.MULTILINE)
         assert printed.endswith('everything worked\n')
     return printed
 

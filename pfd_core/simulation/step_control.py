@@ -22,7 +22,7 @@ One register holds one number; flags are 1 or 0.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 import math
 
@@ -32,7 +32,6 @@ from pfd_core.dynamics.interface import program_with_outputs
 from pfd_core.machine.lanes import absolute, sqrt, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.model.values import Array
 from pfd_core.simulation.dry import Row, read, single
 from pfd_core.simulation.embedded_pairs import ROWS, EmbeddedPair
 from pfd_core.simulation.flags import (
@@ -45,6 +44,7 @@ from pfd_core.simulation.flags import (
     total,
 )
 from pfd_core.simulation.stages import added, plus, scaled
+from pfd_core.simulation.tableaux import of_stages
 
 STATUSES = ('', 'ok', 'not_finite', 'step_too_small')
 # The next step is this fraction of the step at which the error would be 1, and at least and at
@@ -142,7 +142,8 @@ def _judge(pair: EmbeddedPair, n: int) -> Program:
     K = read(recorder, n, *(f'K{j}' for j in range(end + 1)))
     scales = _scales(recorder, [*q, *v], [*q_end, *v_end])
     high, low = (
-        _mean_square([*_sum(r, e @ A, K), *_sum(1.0, e, K)], scales) for e in pair.estimates
+        _mean_square([*_sum(r, of_stages(e, A), K), *_sum(1.0, e, K)], scales)
+        for e in pair.estimates
     )
     finite = _finite([*q_end, *v_end, *K[end], lost])
     error = where(finite, r * high / sqrt(where(high, high + 0.01 * low, 1.0)), math.nan)
@@ -179,14 +180,14 @@ def _dense(pair: EmbeddedPair, n: int) -> Program:
     K = read(recorder, n, *(f'K{j}' for j in range(len(A))))
     outputs: dict[str, Row] = {'length': [r]}
     parts = (
-        ('q', added(scaled(r, v), _sum(r * r, b @ A, K)), v, v_end, r * r, A),
+        ('q', added(scaled(r, v), _sum(r * r, of_stages(b, A), K)), v, v_end, r * r, A),
         ('qd', _sum(r, b, K), K[0], K[pair.end], r, np.eye(len(A))),
     )
     for part, rise, first, last, factor, weights in parts:
         a, z = scaled(r, first), scaled(r, last)
         rows = [rise, [x - y for x, y in zip(a, rise, strict=True)]]
         rows.append([2.0 * x - (y + w) for x, y, w in zip(rise, a, z, strict=True)])
-        rows += [_sum(factor, row @ weights, K) for row in pair.tail]
+        rows += [_sum(factor, of_stages(row, weights), K) for row in pair.tail]
         outputs |= {f'dense{k}.{part}': row for k, row in enumerate(rows)}
     return program_with_outputs(recorder, **outputs)
 
@@ -244,7 +245,7 @@ def _finite(values: Sequence[Lanes]) -> Lanes:
     return sign_of(LARGEST - absolute(total([x * SMALL for x in values])))
 
 
-def _sum(factor: Lanes | float, weights: Array, K: Sequence[Row]) -> Row:
+def _sum(factor: Lanes | float, weights: Iterable[float], K: Sequence[Row]) -> Row:
     """Return a factor times a weighted sum of rows, without rows of weight zero."""
     (w, first), *others = [(w, row) for w, row in zip(weights, K, strict=False) if w]
     return scaled(factor, plus(scaled(float(w), first), 1.0, others))

@@ -25,12 +25,17 @@ implicit stages are those of imex2 alone.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 import math
 
-import numpy as np
-
 Row = tuple[float, ...]
+
+
+def of_stages(weights: Iterable[float], A: Iterable[Iterable[float]]) -> Row:
+    """Return weights @ A by the same bits on every processor, unlike `@` of NumPy."""
+    columns = (zip(weights, column, strict=True) for column in zip(*A, strict=True))
+    return tuple(math.fsum(w * x for w, x in pairs) for pairs in columns)
 
 
 @dataclass(frozen=True)
@@ -66,10 +71,9 @@ class Tableau:
 
     def __post_init__(self) -> None:
         """Write bb = b A and Ab = A A where no other weights of the positions are given."""
-        A = np.array(self.A)
         if not self.b_bar:
-            object.__setattr__(self, 'b_bar', tuple((np.array(self.b) @ A).tolist()))
-            object.__setattr__(self, 'A_bar', tuple(map(tuple, (A @ A).tolist())))
+            object.__setattr__(self, 'b_bar', of_stages(self.b, self.A))
+            object.__setattr__(self, 'A_bar', tuple(of_stages(row, self.A) for row in self.A))
 
     @property
     def stages(self) -> int:

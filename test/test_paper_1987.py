@@ -12,7 +12,6 @@ from typing import Any
 
 from closed_forms import (
     Counts,
-    arithmetic,
     by_section,
     chain,
     levels,
@@ -21,7 +20,6 @@ import mpmath
 import numpy as np
 from oracle import Oracle, error, relative
 import pytest
-from tolerances import ACCELERATION
 from zoo import random_chain, random_state, right_angled
 
 from benchmarks.cases import conjugate
@@ -120,15 +118,6 @@ def test_cholesky_as_printed_gives_no_arm_its_accelerations(name: str) -> None:
     with np.errstate(all='ignore'):
         found = run_program(program, {'q': q, 'qd': qd, 'tau': tau})['qdd']
     assert not relative(found, Oracle(robot).qdd(q, qd, tau)) < 0.01  # NaN, or far off
-
-
-def test_cholesky_as_printed_is_right_for_one_joint_of_unit_inertia() -> None:
-    # l_11 = sqrt(h_11) in both; n = 1 has no product.
-    robot = chain(1)
-    q, qd, tau = random_state(np.random.default_rng(6), 1)
-    program = record_pcrbm_1987(resolve_plant(robot), 'parallel', misprints=[editions.CHOLESKY])
-    found = run_program(program, {'q': q, 'qd': qd, 'tau': tau})['qdd']
-    assert relative(found, Oracle(robot).qdd(q, qd, tau)) < ACCELERATION
 
 
 def test_step_6_as_printed_is_wrong_only_for_sliding_joints() -> None:
@@ -341,33 +330,6 @@ def test_conjugate_gradients_as_printed_end_with_step_10_of_iteration_n() -> Non
     }
 
 
-# Multiplications and additions as printed and corrected, R_i given, divisions multiplications.
-HEADLINES = {
-    ('uniform', 'pcrbm_1987'): ((362, 342), (366, 351)),
-    ('uniform', 'pcgm_1987'): ((527, 664), (522, 649)),
-    ('puma560', 'pcrbm_1987'): ((340, 325), (344, 334)),
-    ('puma560', 'pcgm_1987'): ((505, 647), (500, 632)),
-}
-
-
-@pytest.mark.parametrize(('name', 'method'), HEADLINES)
-def test_emulate_gives_the_headline_of_six_joints_without_the_section_of_rotations(
-    name: str, method: str
-) -> None:
-    robot = uniform_chain(6) if name == 'uniform' else pfd.load_robot(name)
-    found = []
-    for edition in ('printed', 'corrected'):
-        run = pfd.emulate(robot, *[[0.1] * 6] * 3, method=method, edition=edition)
-        steps = run.steps - run.steps_by_section['joint rotation']
-        found.append((steps.multiplications + steps.divisions, steps.additions))
-    assert tuple(found) == HEADLINES[name, method]
-
-
-def test_one_lane_per_link_takes_391_and_361_corrected() -> None:
-    found = arithmetic(record_pcrbm_1987(resolve_plant(chain(6)), 'unpacked').count())
-    assert (found[0] + found[2] - 12, found[1] - 6, found[3]) == (391, 361, 6)
-
-
 # ---- statuses --------------------------------------------------------------------------------
 
 
@@ -403,16 +365,6 @@ def test_no_answer_of_direct_methods_that_is_wrong_is_called_ok() -> None:
         assert x['status'] == 'inaccurate' or x['error'] <= x['allowed'], x
         # PCRBM keeps the digits that the condition leaves, on every chain.
         assert x['status'] == 'ok' or x['method'] != 'pcrbm', x
-
-
-def test_statuses_in_docs_are_those_of_now() -> None:
-    rows, known = [], stored_statuses()
-    some = [*range(24, 36), *range(100, 110)]
-    for k in some:
-        rows += conjugate.statuses_of(conjugate.CHAINS[k])
-    check_statuses(rows)
-    wanted = [known[2 * k + i]['status'] for k in some for i in range(2)]
-    assert [x['status'] for x in rows] == wanted
 
 
 @pytest.mark.parametrize('method', ['pcrbm', 'composite_body', 'constraint_forces', 'pcgm_1987'])

@@ -369,11 +369,3 @@ def test_the_program_does_the_additions_of_set_ordering(n: int) -> None:
         if one.op == 'add' and one.section == 'set ordering'
     ]
     assert added == [len(state.picked) for state in set_ordering(n)[1:]]
-
-
-def test_a_whole_solve_takes_an_action_for_each_element_in_a_row_and_two_for_each_row() -> None:
-    n = 6
-    trace = page.RUNS['solve'](n)
-    assert trace.cycles == 5 * n - 2
-    acting = sum(map(len, trace.actions))
-    assert acting == n * (n + 1) * (n + 2) // 6 + n * (n + 1)

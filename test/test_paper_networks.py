@@ -41,7 +41,6 @@ from benchmarks.pages.since_1987 import (
     system_time,
     time,
 )
-from benchmarks.table import json_text
 import pfd_core as pfd
 from pfd_core.dynamics.methods import FORWARD as FORWARD_METHODS
 from pfd_core.machine.emulator import run as run_program
@@ -396,9 +395,3 @@ def test_from_twelve_joints_on_no_state_gets_its_accelerations_in_n_iterations(n
 def test_iterations_grow_faster_than_joints() -> None:
     ratio = [reached(n)['median'] / n for n in conjugate.SIZES if n >= 8]
     assert ratio == sorted(ratio)
-
-
-@pytest.mark.parametrize('n', one_fast([4, 12, 24], 4))
-def test_stored_iterations_are_what_is_measured_now(n: int) -> None:
-    found = conjugate.reached_by(n)
-    assert json.loads(json_text(found)) == [x for x in stored('counts')['reached'] if x['n'] == n]

@@ -16,11 +16,10 @@ import pfd_core as pfd
 from pfd_ros.arm.description import DescribedRobot, described_robot, parsed_urdf
 from pfd_ros.arm.plant import scene_of
 from pfd_ros.arm.settings import FIELDS, Settings, joint_order
-from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.types import JOINT_STATE, STRING
 from pfd_ros.recording.arrays import COUNT, LogArrays, read_log, renamed
 from pfd_ros.recording.log import Log
-from pfd_ros.text import listed
+from pfd_ros.text import cut, listed
 
 # Settings with one number a joint, and their units.
 NUMBERS = {
@@ -109,8 +108,9 @@ def arm_of(source: str | None, log: Path | None, tip: str, rename: Mapping[str, 
         limits = np.isfinite([robot.position_lower, robot.position_upper])
         changed['joint_limits'] = bool(limits.any())
         if arrays is not None:
-            changed['publish_rate'], start = _motion(renamed(arrays, rename), robot, settings)
-            sources['publish_rate'] = f'Hz, the median of {name}'
+            log_of_arm = renamed(arrays, rename)
+            changed['publish_rate'], start, topic = _motion(log_of_arm, robot, settings)
+            sources['publish_rate'] = f'Hz, the median of {cut(topic)} in {name}'
     if tip:
         sources['tip_link'] = '--tip'
     if start:
@@ -162,30 +162,51 @@ def _recorded(
 
 
 def _described(log: LogArrays) -> str:
-    """Return the URDF in a log of any kind; ValueError if there is none."""
-    for topic, kind in log.topics.items():
-        if kind == STRING and topic.endswith('robot_description') and len(log[topic]):
-            return str(log[topic].data[0])
+    """Return the URDF in a log of any kind; ValueError if there is none, or more than one."""
+    found = {
+        str(text): topic
+        for topic, kind in log.topics.items()
+        if kind == STRING and topic.endswith('robot_description')
+        for text in log[topic].data
+    }
+    if len(found) == 1:
+        return found.popitem()[0]
+    several = f'{len(found)} robots, on {listed([*found.values()])}' if found else ''
     raise ValueError(
-        f'{log.path} has no arm: no message on a topic robot_description (std_msgs/String); name '
-        'the arm as well, --urdf FILE or --robot NAME, and the log gives rate and start'
+        f'{log.path} has {several or "no arm: no message on a topic robot_description"}, expected '
+        'one (std_msgs/String); name the arm as well, --urdf FILE or --robot NAME, and the log '
+        'gives rate and start'
     )
 
 
 def _motion(
     log: LogArrays, robot: pfd.Robot, settings: Settings
-) -> tuple[float, dict[str, float]]:
-    """Return the rate of the states of a robot in a log, Hz, and its first positions by joint."""
-    joints, step = robot.joint_names, settings.step_size
-    topics = [log[name] for name, kind in log.topics.items() if kind == JOINT_STATE]
-    for states in topics:
+) -> tuple[float, dict[str, float], str]:
+    """Return the rate of the states of a robot in a log, Hz, its first positions, and their topic.
+
+    Each joint has its first position that is finite: drivers begin with NaN, and several nodes
+    may publish on one topic.
+    """
+    joints, step, found = robot.joint_names, settings.step_size, list[str]()
+    topics = [name for name, kind in log.topics.items() if kind == JOINT_STATE]
+    # Commands are JointStates, too.
+    for topic in sorted(topics, key=lambda x: (not x.endswith('joint_states'), -len(log[x]))):
+        states = log[topic]
+        there = np.isfinite(states.position)
+        first = {
+            name: float(states.position[there[:, j].argmax(), j])
+            for j, name in enumerate(states.names)
+            if there[:, j].any()
+        }
         rows = states.rows(joints[0])
-        if set(states.names) >= set(joints) and len(rows) > 1:
-            interval = float(np.median(np.diff(states.log_ns[rows]))) / NANOSECONDS
-            first = dict(zip(states.names, states.position[rows[0]].tolist(), strict=True))
-            return 1.0 / (step * max(1, round(interval / step))), first
+        if first.keys() >= set(joints) and len(rows) > 1:
+            interval = float(np.median(np.diff(states.time[rows])))
+            if not interval > 0.0:  # stamps that are no times
+                interval = float(np.median(np.diff(states.log_time[rows])))
+            return 1.0 / (step * max(1, round(interval / step))), first, topic
+        found += first
     raise ValueError(
-        f'{log.path} has no states of {listed(joints)}, but of '
-        f'{listed([name for states in topics for name in states.names])}; --rename OLD=NEW '
-        'replaces the beginning of their names'
+        f'{log.path} has no states of {listed(joints)} with positions, but of '
+        f'{listed(list(dict.fromkeys(found)))}; --rename OLD=NEW replaces the beginning of their '
+        'names'
     )

@@ -15,6 +15,9 @@ import xml.etree.ElementTree as ElementTree
 
 from bridge import pfd_main
 import gripper_arm
+from gripper_arm import ARM
+from logs import STRING as STRING_TYPE
+from logs import Row, joint_state, string, write_mcap
 from plugin_sessions import run
 import pytest
 from ros_processes import HAS_ROS, ROOT
@@ -237,6 +240,39 @@ def test_logs_of_real_arms_give_rate_and_start(
     column = [states.names.index(name) for name in pfd.load_robot('ur5').joint_names]
     assert arm['publish_rate'] == 125.0
     assert arm['initial_positions'] == pytest.approx(states.position[0][column].tolist(), rel=1e-4)
+
+
+@pytest.mark.parametrize('kind', ['drivers begin with NaN', 'a node for each joint'])
+def test_a_foreign_bag_gives_its_robot_the_first_finite_state_and_the_rate_of_the_stamps(
+    folder: Path, kind: str
+) -> None:
+    topics = {'/robot_description': STRING_TYPE}
+    rows = [Row('/robot_description', 999.0, string(gripper_arm.urdf()))]
+    for k in range(60):
+        # Logged in bursts, as from a busy machine; the commands come first.
+        at, stamp = 1000.0 + 0.1 * (k // 10) + 1e-5 * (k % 10), 1000.0 + k / RATE
+        rows.append(Row('/a_joint_commands', at, joint_state(ARM, [9.0, 9.0], stamp=stamp)))
+        q = [0.1, 0.2] if k > 2 else [0.3, float('nan')]
+        parts = [ARM] if kind.startswith('drivers') else [ARM[:1], ARM[1:]]
+        for names in parts:
+            at += 1e-6
+            values = [q[ARM.index(name)] for name in names]
+            rows.append(Row('/left/joint_states', at, joint_state(names, values, stamp=stamp)))
+    write_mcap(folder / 'bag.mcap', rows, topics)
+    arm = parameters(init('--bag', 'bag.mcap'))['sim_arm']
+    assert (arm['initial_positions'], arm['publish_rate']) == ([0.3, 0.2], RATE)
+
+
+def test_a_bag_with_two_robots_is_refused_by_their_topics(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    topics = dict.fromkeys(('/left/robot_description', '/right/robot_description'), STRING_TYPE)
+    texts = gripper_arm.urdf(), gripper_arm.urdf().replace('mass value="1"', 'mass value="2"')
+    rows = [Row(topic, 1.0, string(text)) for topic, text in zip(topics, texts, strict=True)]
+    write_mcap(folder / 'bag.mcap', rows, topics)
+    assert pfd_main(['init', 'mine', '--bag', 'bag.mcap']) == 1
+    assert re.search('2 robots, on .*left.*right.*--urdf', capsys.readouterr().err)
+    assert not (folder / 'mine').exists()
 
 
 def test_a_package_is_formatted_and_free_of_lint(folder: Path) -> None:

@@ -45,6 +45,7 @@ from pfd_ros.node.graph import GraphCheck
 from pfd_ros.node.inbox import Changes, Inbox
 from pfd_ros.node.report import Report
 from pfd_ros.node.services import create_services
+from pfd_ros.node.standard import create_standard_services
 from pfd_ros.node.stepping import Stepper
 from pfd_ros.node.threads import Threads
 from pfd_ros.text import cut
@@ -112,6 +113,7 @@ class SimArm:
         topics = chosen_topics(node, settings, model.topics)
         ends = self.endpoints = create_endpoints(node, topic_roles(settings), topics, receive)
         create_services(node, self.engine, inbox)
+        create_standard_services(node, self.engine, inbox, self._threads, self._ended.is_set)
         if settings.publish_description:
             ends.publishers[DESCRIPTION].publish(encode_string(model.text))
         if vars(settings)['armature'] == ESTIMATED:

@@ -296,6 +296,28 @@ def test_a_locked_leader_locks_its_followers(name: str) -> None:
     np.testing.assert_allclose(pfd.inverse_dynamics(later, q, qd, qdd), right, atol=1e-12)
 
 
+def test_joints_that_mimic_a_locked_joint_are_locked_at_positions_that_follow() -> None:
+    left = '<mimic joint="right_finger" multiplier="-2" offset="0.05"/>'
+    right = '<mimic joint="wrist"/>'
+    # The finger that follows a follower stands before it in the file.
+    text = re.sub(r'(name="left_finger".*?<axis [^>]*/>)', rf'\1{left}', FORK, flags=re.S)
+    text = re.sub(r'(name="right_finger".*?<axis [^>]*/>)', rf'\1{right}', text, flags=re.S)
+    robot = pfd.load_robot(text, locked={'wrist': 0.01})
+    at = {'wrist': 0.01, 'right_finger': 0.01, 'left_finger': -2 * 0.01 + 0.05}
+    assert robot == pfd.load_robot(FORK, locked=at)
+    assert pfd.load_robot(text, locked={'wrist': 0.01, 'left_finger': 0.0}) == pfd.load_robot(
+        FORK, locked=at | {'left_finger': 0.0}
+    )
+
+
+def test_a_follower_is_locked_by_name_alone_with_a_warning_or_with_its_leader() -> None:
+    with pytest.warns(pfd.PhysicsWarning, match="'level' is locked, though it mimics 'lift'"):
+        robot = pfd.load_robot(PALLETISER, locked={'level': 0.0})
+    assert robot.joint_names == ('turn', 'lift', 'roll')
+    assert pfd.locked_joints(PALLETISER, locked={'lift': 0.25}) == {'lift': 0.25, 'level': 0.25}
+    assert pfd.load_robot(PALLETISER, locked={'lift': 0.25}).joint_names == ('turn', 'roll')
+
+
 def test_limits_and_losses_of_a_follower_become_those_of_its_leader() -> None:
     limit = '<limit lower="-0.4" upper="0.6" velocity="1" effort="5"/>'
     losses = '<dynamics damping="0.5" friction="0.25"/>'

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 import copy
-import dataclasses
 from dataclasses import FrozenInstanceError, fields, replace
 import os
 from pathlib import Path
@@ -40,6 +39,7 @@ from pfd_core.model.robot import Frame
 from pfd_core.model.rotors import SPIN_UP_TIME
 
 SEEDS = range(2)
+CHAIN_OF_3 = random_chain(np.random.default_rng(0), 3)
 
 
 def rod(**changes: object) -> pfd.Robot:
@@ -217,34 +217,36 @@ def test_a_broken_triangle_rule_is_warned_of_and_the_link_named() -> None:
 
 
 @pytest.mark.parametrize(
-    ('positions', 'message'),
+    ('call', 'given', 'message'),
     [
         (
-            {'j9': 0.0},
+            *(pfd.lock, (CHAIN_OF_3, {'j9': 0.0})),
             "cannot lock 'j9': 'random3' has no such joint, only 'joint1', 'joint2', 'joint3'",
         ),
-        ({'joint1': np.inf}, "joint 'joint1' is locked must be finite"),
-        ({'joint1': 0, 'joint2': 0, 'joint3': 0}, 'cannot lock all 3 joints'),
+        (pfd.lock, (CHAIN_OF_3, {'joint1': np.inf}), "joint 'joint1' is locked must be finite"),
+        (
+            *(pfd.lock, (CHAIN_OF_3, dict.fromkeys(CHAIN_OF_3.joint_names, 0))),
+            'cannot lock all 3 joints',
+        ),
+        (pfd.Payload, (-1.0,), 'payload mass must not be negative'),
+        (pfd.Payload, (np.nan,), 'payload mass must be finite'),
+        (pfd.Payload, (1.0, (0, 0)), r'payload center must have shape \(3,\), got \(2,\)'),
+        (
+            *(pfd.Payload, (1.0, (0, 0, 0), np.diag([1, 1, -1]))),
+            'payload inertia must not be negative',
+        ),
+        (
+            *(pfd.Payload, (1.0, (0, 0, 0), 1.0)),
+            r'payload inertia must have shape \(3, 3\), got \(\)',
+        ),
     ],
+    ids=range(8),
 )
-def test_a_lock_that_cannot_be_is_refused(positions: dict[str, float], message: str) -> None:
+def test_a_lock_or_a_payload_that_cannot_be_is_refused(
+    call: Any, given: tuple[object, ...], message: str
+) -> None:
     with pytest.raises(ValueError, match=message):
-        pfd.lock(random_chain(np.random.default_rng(0), 3), positions)
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'message'),
-    [
-        ((-1.0,), 'payload mass must not be negative'),
-        ((np.nan,), 'payload mass must be finite'),
-        ((1.0, (0, 0)), r'payload center must have shape \(3,\), got \(2,\)'),
-        ((1.0, (0, 0, 0), np.diag([1, 1, -1])), 'payload inertia must not be negative'),
-        ((1.0, (0, 0, 0), 1.0), r'payload inertia must have shape \(3, 3\), got \(\)'),
-    ],
-)
-def test_a_wrong_payload_is_refused(arguments: tuple[object, ...], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        pfd.Payload(*arguments)
+        call(*given)
 
 
 HELD_FINGERS = {'left_finger': 0.02, 'right_finger': 0.03}
@@ -318,63 +320,6 @@ def test_a_wrong_frame_in_a_file_is_refused_and_named(line: str, message: str) -
         pfd.load_robot(FRAMES_TABLE + line)
 
 
-DRAKE = '<robot xmlns:drake="http://drake.mit.edu" '
-FINGERS = {'left_finger': 0.0, 'right_finger': 0.0}
-
-
-def transmission(joints: str, *actuators: str) -> str:
-    """Return a <transmission> with the names of joints, and the contents of its actuators."""
-    inner = ''.join(f'<joint name="{name}"/>' for name in joints.split())
-    inner += ''.join(f'<actuator name="motor">{content}</actuator>' for content in actuators)
-    return f'<transmission name="gear">{inner}</transmission>'
-
-
-def fork(*transmissions: str) -> str:
-    text = FORK.replace('<robot ', DRAKE, 1)
-    return text.replace('</robot>', ''.join(transmissions) + '</robot>')
-
-
-def test_a_urdf_states_rotors_by_elements_of_drake_or_a_motor_inertia() -> None:
-    drake = '<drake:rotor_inertia value="1.5e-4"/><drake:gear_ratio value="-120"/>'
-    plain = '<motorInertia>2e-4</motorInertia><mechanicalReduction>50</mechanicalReduction>'
-    text = fork(transmission('shoulder', drake), transmission('wrist', plain, plain))
-    robot = pfd.load_robot(text, locked=FINGERS)
-    # Two motors turn the wrist.
-    np.testing.assert_allclose(robot.armature, [1.5e-4 * 120**2, 2 * 2e-4 * 50**2], rtol=1e-15)
-    direct = fork(transmission('shoulder', '<drake:rotor_inertia value="0.02"/>'))
-    np.testing.assert_array_equal(pfd.load_robot(direct, locked=FINGERS).armature, [0.02, 0.0])
-    # A rotor of a locked joint does not turn.
-    locked = pfd.load_robot(text, locked=FINGERS | {'shoulder': 0.1})
-    assert locked.armature == pytest.approx([2 * 2e-4 * 50**2])
-
-
-def test_a_reduction_without_a_rotor_adds_no_armature() -> None:
-    alone = '<mechanicalReduction>100</mechanicalReduction>'
-    robot = pfd.load_robot(fork(transmission('shoulder wrist', alone)), locked=FINGERS)
-    assert robot == pfd.load_robot(FORK, locked=FINGERS)
-
-
-@pytest.mark.parametrize(
-    ('joints', 'content', 'message'),
-    [
-        ('elbow', '<motorInertia>1</motorInertia>', "'gear' .* one joint .* got .'elbow'."),
-        ('shoulder wrist', '<motorInertia>1</motorInertia>', "'gear' .* must have one joint"),
-        ('', '<motorInertia>1</motorInertia>', "'gear' .* must have one joint of the URDF, got"),
-        ('wrist', '<motorInertia>heavy</motorInertia>', "motorInertia of .*'gear' must be a num"),
-        ('wrist', '<drake:rotor_inertia/>', "rotor_inertia of transmission 'gear' must be a num"),
-        ('wrist', '<motorInertia>-1</motorInertia>', "'gear': rotor_inertia must not be neg"),
-        (
-            'wrist',
-            '<motorInertia>1</motorInertia><mechanicalReduction>0</mechanicalReduction>',
-            "'gear': gear_ratio must not be zero",
-        ),
-    ],
-)
-def test_a_wrong_transmission_is_named(joints: str, content: str, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        pfd.load_robot(fork(transmission(joints, content)), locked=FINGERS)
-
-
 @pytest.mark.parametrize(
     ('name', 'least', 'most'),
     [
@@ -389,14 +334,14 @@ def test_estimated_rotors_are_off_by_the_stated_factors(
     name: str, least: float, most: float
 ) -> None:
     robot = pfd.load_robot(name)
-    without = dataclasses.replace(robot, armature=np.zeros(robot.n))
+    without = replace(robot, armature=np.zeros(robot.n))
     ratio = robot.armature / pfd.estimated_armature(without)
     assert (least <= ratio).all()
     assert (ratio <= most).all()
 
 
 def test_an_estimate_keeps_the_rotors_that_a_model_states_and_needs_both_limits() -> None:
-    robot = dataclasses.replace(
+    robot = replace(
         pfd.load_robot('ur5'),
         armature=np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0]),
         effort_limit=np.array([150.0, np.inf, np.inf, 28.0, 28.0, 28.0]),
@@ -410,7 +355,7 @@ def test_a_scene_with_estimated_rotors_has_the_accelerations_of_one_with_their_n
     tmp_path: Path,
 ) -> None:
     robot = pfd.load_robot('ur5')
-    robot = dataclasses.replace(robot, armature=np.zeros(robot.n))
+    robot = replace(robot, armature=np.zeros(robot.n))
     scene = pfd.Scene(armature='estimated')
     scene.save(tmp_path / 'scene.yaml')
     assert pfd.load_scene(tmp_path / 'scene.yaml') == scene

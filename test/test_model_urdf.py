@@ -10,7 +10,6 @@ from pathlib import Path
 import re
 import sys
 from typing import Any
-import warnings
 
 import numpy as np
 from oracle import relative
@@ -212,20 +211,6 @@ def test_the_positions_at_which_an_error_proposes_to_lock_are_within_the_limits(
     assert pfd.load_robot(text, locked=locked).joint_names == ('a',)
 
 
-def test_joints_that_mimic_a_locked_joint_are_locked_at_positions_that_follow() -> None:
-    left = '<mimic joint="right_finger" multiplier="-2" offset="0.05"/>'
-    right = '<mimic joint="wrist"/>'
-    # The finger that follows a follower stands before it in the file.
-    text = re.sub(r'(name="left_finger".*?<axis [^>]*/>)', rf'\1{left}', FORK, flags=re.S)
-    text = re.sub(r'(name="right_finger".*?<axis [^>]*/>)', rf'\1{right}', text, flags=re.S)
-    robot = pfd.load_robot(text, locked={'wrist': 0.01})
-    at = {'wrist': 0.01, 'right_finger': 0.01, 'left_finger': -2 * 0.01 + 0.05}
-    assert robot == pfd.load_robot(FORK, locked=at)
-    assert pfd.load_robot(text, locked={'wrist': 0.01, 'left_finger': 0.0}) == pfd.load_robot(
-        FORK, locked=at | {'left_finger': 0.0}
-    )
-
-
 def turned_by(*quaternions: str, version: str = ' version="1.1"') -> str:
     """Return a chain of one joint a quaternion, and its inertial frames turned by them too."""
     links = [link('base')]
@@ -248,9 +233,7 @@ QUATERNIONS = (
 
 def test_orientations_of_version_1_1_may_be_quaternions() -> None:
     text = turned_by(*QUATERNIONS)
-    with warnings.catch_warnings():
-        warnings.simplefilter('error')
-        robot = pfd.load_robot(text)
+    robot = pfd.load_robot(text)
     assert_same_physics(robot, text, {})
     assert_same_frames(robot, text, {})
 
@@ -270,26 +253,6 @@ def test_a_quaternion_in_version_1_0_is_not_read_but_named_as_pinocchio_does() -
         ):
             robot = pfd.load_robot(text)
         assert_same_physics(robot, text, {})
-
-
-@pytest.mark.parametrize(
-    ('old', 'new', 'message'),
-    [
-        ('quat_xyzw="1 0 0 0"', 'quat_xyzw="0 0 0 0"', 'must be four numbers, not all 0'),
-        ('quat_xyzw="1 0 0 0"', 'quat_xyzw="1 0 0"', "must be four numbers, got '1 0 0'"),
-        ('quat_xyzw="1 0 0 0"', 'quat_xyzw="1 0 0 x"', "must be a number, got 'x'"),
-        ('quat_xyzw="1 0 0 0"', 'rpy="0 0 0" quat_xyzw="1 0 0 0"', 'has rpy and quat_xyzw'),
-        ('version="1.1"', 'version="2.0"', r"<robot version> must be one of 1.0, .* got '2.0'"),
-        ('version="1.1"', 'version=""', "<robot version> must be one of .* got ''"),
-    ],
-)
-def test_a_wrong_quaternion_or_version_is_refused_and_named(
-    old: str, new: str, message: str
-) -> None:
-    text = turned_by('1 0 0 0')
-    assert old in text
-    with pytest.raises(ValueError, match=message):
-        pfd.load_robot(text.replace(old, new, 1))
 
 
 @pytest.mark.parametrize(
@@ -348,84 +311,100 @@ def test_attributes_of_many_joints_that_are_not_read_are_named_once_with_their_n
     )
 
 
-ROTOR = """<transmission name="t">{}<joint name="j1">{}</joint>
-<actuator name="m">{}<motorInertia>0.001</motorInertia></actuator></transmission></robot>"""
+# ---- rotors ----
+
+
+FINGERS = {'left_finger': 0.0, 'right_finger': 0.0}
+ROTOR = '<motorInertia>2</motorInertia>'
 RATIO = '<mechanicalReduction>50</mechanicalReduction>'
+SHOULDER, WRIST = (f'<joint name="{name}"/>' for name in ('shoulder', 'wrist'))
+# A rotor of the wrist, with a reduction in each place where one may be written.
+PLACED = f'{{}}<joint name="wrist">{{}}</joint><actuator name="m">{{}}{ROTOR}</actuator>'
 
 
-@pytest.mark.parametrize(
-    'places',
-    [
-        *((RATIO, '', ''), ('', RATIO, ''), ('', '', RATIO), (RATIO, RATIO, RATIO)),
-        ('', RATIO.replace('alR', 'al_r'), ''),
-    ],
-)
-def test_a_reduction_is_read_where_ros_1_and_ros_2_write_it(places: tuple[str, ...]) -> None:
-    text = ODD_ARM.replace('</robot>', ROTOR.format(*places))
-    assert pfd.load_robot(text).armature[0] == pytest.approx(50**2 * 0.001, rel=1e-15)
+def motor(content: str, joints: str = WRIST) -> str:
+    return f'{joints}<actuator name="motor">{content}</actuator>'
+
+
+def geared(*transmissions: str) -> str:
+    """Return FORK with transmissions of some contents."""
+    end = ''.join(f'<transmission name="gear">{inner}</transmission>' for inner in transmissions)
+    text = FORK.replace('<robot ', '<robot xmlns:drake="http://drake.mit.edu" ', 1)
+    return text.replace('</robot>', f'{end}</robot>')
+
+
+DRAKE = motor('<drake:rotor_inertia value="1.5e-4"/><drake:gear_ratio value="-120"/>', SHOULDER)
+TWO_MOTORS = motor(f'{ROTOR}{RATIO}</actuator><actuator name="other">{ROTOR}{RATIO}')
+ROTORS = [
+    ((DRAKE, TWO_MOTORS), [1.5e-4 * 120**2, 2 * 2 * 50**2]),
+    ((motor('<drake:rotor_inertia value="0.02"/>', SHOULDER),), [0.02, 0.0]),
+    ((motor(RATIO, SHOULDER + WRIST),), [0.0, 0.0]),
+    # Where ROS 1 and ROS 2 write it.
+    *(
+        ((PLACED.format(*places),), [0.0, 2 * 50**2])
+        for places in (
+            *((RATIO, '', ''), ('', RATIO, ''), ('', '', RATIO), (RATIO, RATIO, RATIO)),
+            ('', RATIO.replace('alR', 'al_r'), ''),
+        )
+    ),
+]
+
+
+@pytest.mark.parametrize(('transmissions', 'armature'), ROTORS, ids=range(len(ROTORS)))
+def test_rotors_of_a_urdf_are_seen_through_their_gears(
+    transmissions: tuple[str, ...], armature: list[float]
+) -> None:
+    text = geared(*transmissions)
+    found = pfd.load_robot(text, locked=FINGERS).armature
+    np.testing.assert_allclose(found, armature, rtol=1e-15)
+    # A rotor of a locked joint does not turn.
+    locked = pfd.load_robot(text, locked=FINGERS | {'shoulder': 0.1})
+    np.testing.assert_allclose(locked.armature, armature[1:], rtol=1e-15)
 
 
 def test_a_rotor_outside_of_the_actuator_is_named() -> None:
-    rotor = '<motorInertia>0.001</motorInertia>'
-    for places in ((rotor, ''), ('', rotor)):
-        text = ROTOR.format(*places, '').replace(
-            f'<actuator name="m">{rotor}', '<actuator name="m">'
-        )
-        with pytest.warns(pfd.PhysicsWarning, match="not read: <transmission name='t'> <motorIn"):
-            assert not pfd.load_robot(ODD_ARM.replace('</robot>', text)).armature.any()
+    outside = f'{ROTOR}{motor("")}', f'<joint name="wrist">{ROTOR}</joint><actuator name="m"/>'
+    for inner in outside:
+        with pytest.warns(pfd.PhysicsWarning, match="not read: <transmission name='gear'> <motor"):
+            assert not pfd.load_robot(geared(inner), locked=FINGERS).armature.any()
 
 
-def test_two_reductions_of_one_rotor_are_refused() -> None:
-    text = ODD_ARM.replace('</robot>', ROTOR.format('', RATIO, RATIO.replace('50', '1')))
-    with pytest.raises(ValueError, match=r"transmission 't' states 2 reductions, 1\.0, 50\.0"):
-        pfd.load_robot(text)
+@pytest.mark.parametrize(
+    ('inner', 'message'),
+    [
+        (motor(ROTOR, '<joint name="elbow"/>'), "'gear' .* one joint .* got .'elbow'."),
+        (motor(ROTOR, SHOULDER + WRIST), "'gear' .* must have one joint"),
+        (motor(ROTOR, ''), "'gear' .* must have one joint of the URDF, got"),
+        (motor(ROTOR.replace('2', 'heavy')), "motorInertia of .*'gear' must be a num"),
+        (motor('<drake:rotor_inertia/>'), "rotor_inertia of transmission 'gear' must be a num"),
+        (motor(ROTOR.replace('2', '-1')), "'gear': rotor_inertia must not be neg"),
+        (motor(ROTOR + RATIO.replace('50', '0')), "'gear': gear_ratio must not be zero"),
+        (
+            PLACED.format('', RATIO, RATIO.replace('50', '1')),
+            r"transmission 'gear' states 2 reductions, 1\.0, 50\.0",
+        ),
+    ],
+    ids=range(8),
+)
+def test_a_wrong_transmission_is_named(inner: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        pfd.load_robot(geared(inner), locked=FINGERS)
 
 
+# ---- no chain ----
+
+
+# Others, and what to do about them, are in test_remedies.
 BAD = [
-    (FORK, {}, "'left_finger', 'right_finger'.*tip='palm'.*locked="),
     (ODD_ARM, {'base': 'nowhere'}, "base 'nowhere'.*'world'"),
-    (ODD_ARM, {'tip': 'nowhere'}, "tip 'nowhere'.*'world'"),
-    (ODD_ARM, {'base': 'hand', 'tip': 'upper'}, 'not below base'),
     (ODD_ARM, {'base': 'hand', 'tip': 'tool'}, 'no joint moves'),
     (ODD_ARM, {'base': 'hand'}, "no joint moves below 'hand'"),
-    (ODD_ARM, {'locked': {'j9': 0.0}}, "'j9'.*no such joint.*'j1'"),
     (ODD_ARM, {'locked': {'mount': 0.0}}, "'mount'.*fixed joint"),
     (ODD_ARM, {'locked': {'j1': np.nan}}, "'j1' is locked must be finite"),
-    (
-        ODD_ARM,
-        {'locked': {'j1': 1.6}},
-        "cannot lock joint 'j1' at 1.6: its limits are -1.0 and 1.5",
-    ),
     ('<robot name="x"><link', {}, 'not well-formed XML'),
     ('<model/>', {}, 'starts with <robot>'),
     ('<robot name="x"/>', {}, 'no <link>'),
-    (
-        urdf('x', *ARM, joint('hinge', 'floating', 'base', 'arm')),
-        {},
-        "'hinge' is floating.*base='arm'",
-    ),
     (urdf('x', *ARM, joint('hinge', 'planar', 'base', 'arm')), {}, "'hinge' is planar"),
-    (urdf('x', *ARM, joint('hinge', 'ball', 'base', 'arm')), {}, "'hinge' has type 'ball'"),
-    (
-        urdf('x', link('base'), link('arm'), joint('j', 'continuous', 'base', 'arm', extra='')),
-        {},
-        "link 'arm', moved by joint 'j', has no <inertial>",
-    ),
-    (
-        urdf('x', *ARM, joint('j', 'revolute', 'base', 'arm', axis='0 0 0')),
-        {},
-        "<axis xyz> of joint 'j'",
-    ),
-    (urdf('x', *ARM, joint('j', 'revolute', 'base', 'leg')), {}, "link 'leg'"),
-    (urdf('x', *ARM), {}, "one link without a parent.*'base', 'arm'"),
-    (
-        urdf(
-            *('x', *ARM, link('c', 1, J=BODY), joint('j', 'revolute', 'base', 'arm')),
-            *(joint('k', 'revolute', 'arm', 'c'), joint('l', 'revolute', 'base', 'c')),
-        ),
-        {},
-        "'c' hangs on joints 'k' and 'l'",
-    ),
 ]
 
 
@@ -518,50 +497,6 @@ def test_tip_and_locks_of_a_refused_tree_give_the_arm_of_the_longest_chain(
         tau = pin.rnea(reduced, data, positions_in(reduced, robot, q, {}), qd, qdd)
         got = pfd.inverse_dynamics(robot, q, qd, qdd)
         assert np.abs(got - tau).max() <= DYNAMICS * np.abs(tau).max()
-
-
-PALLETISER = mimicking(
-    urdf(
-        'palletiser',
-        *(link('base'), *(link(f'l{k}', 1.0, '0.1 0 0', J=BODY) for k in range(3))),
-        joint('turn', 'revolute', 'base', 'l0'),
-        joint('lift', 'revolute', 'l0', 'l1', '0 0 0.3', axis='0 1 0'),
-        joint('level', 'revolute', 'l1', 'l2', '0.4 0 0', axis='0 1 0'),
-    ),
-    'level',
-    'joint="lift" multiplier="-1" offset="0.5"',
-)
-
-
-@pytest.mark.parametrize(
-    ('text', 'choice', 'message'),
-    [
-        (
-            PALLETISER,
-            {'base': 'l1'},
-            "'level' mimics 'lift'.*lose its motion.*Lock 'lift'.*base='l0'",
-        ),
-        (MIMIC_FORK, {'tip': 'right'}, "'right_finger' mimics 'left_finger'.*tip='left'"),
-        (
-            mimicking(FORK, 'left_finger', 'joint="nobody"'),
-            {'tip': 'palm'},
-            "'left_finger' mimic what is no joint.*locked={'left_finger': 0.0}",
-        ),
-    ],
-    ids=range(3),
-)
-def test_a_joint_that_follows_another_one_is_not_locked_in_silence(
-    text: str, choice: dict[str, str], message: str
-) -> None:
-    with pytest.raises(ValueError, match=message):
-        pfd.load_robot(text, **choice)
-
-
-def test_a_follower_is_locked_by_name_alone_with_a_warning_or_with_its_leader() -> None:
-    with pytest.warns(pfd.PhysicsWarning, match="'level' is locked, though it mimics 'lift'"):
-        assert pfd.load_robot(PALLETISER, locked={'level': 0.0}).joint_names == ('turn', 'lift')
-    assert pfd.locked_joints(PALLETISER, locked={'lift': 0.25}) == {'lift': 0.25, 'level': 0.25}
-    assert pfd.load_robot(PALLETISER, locked={'lift': 0.25}).joint_names == ('turn',)
 
 
 @pytest.mark.parametrize(
@@ -672,26 +607,6 @@ def test_a_limit_may_be_infinite_and_its_ends_be_left_out() -> None:
     assert (robot.position_lower[0], robot.position_upper[0]) == (0.0, 0.0)
 
 
-@pytest.mark.parametrize(
-    ('old', 'new', 'message'),
-    [
-        ('xyz="0.01 -0.02 0.1"', 'xyz="0.01 -0.02"', "<origin xyz> of link 'turret' must"),
-        ('<axis xyz="0.3 -0.5 0.8"/>', '<axis/>', "<axis xyz> of joint 'j2' must be three"),
-        ('<mass value="4.0"/>', '', "<inertial> of link 'turret' must have a <mass>"),
-        ('<mass value="4.0"/>', '<mass value="4"/><mass value="5"/>', "'turret' has 2 .*<mass>"),
-        ('ixx="0.02" ', '', "<inertia ixx> of link 'pedestal' must be a number, got none"),
-        ('<axis xyz="0 0 -1"/>', '<axis xyz="0 0 -1"/>' * 2, "joint 'j1' has 2 elements <axis>"),
-        ('<link name="box">', '<link name="turret">', "two links named 'turret'"),
-        ('<link name="box">', '<link>', 'a <link> without a name'),
-    ],
-)
-def test_elements_that_the_format_does_not_allow_are_refused_and_named(
-    old: str, new: str, message: str
-) -> None:
-    with pytest.raises(ValueError, match=message):
-        pfd.load_robot(changed(old, new))
-
-
 def test_a_body_that_cannot_be_is_not_hidden_by_the_one_it_is_welded_to() -> None:
     box = '<mass value="0.6"/><inertia ixx="0.02" iyy="0.03" izz="0.025"'
     with pytest.raises(ValueError, match="<mass value> of link 'box' must not be negative"):
@@ -783,9 +698,7 @@ def test_the_other_half_of_an_inertia_may_be_written_and_must_be_the_same() -> N
     turret = ODD_ARM.index('name="turret"')
     text = ODD_ARM[:turret] + ODD_ARM[turret:].replace(old[1], inertia, 1)
     whole = text.replace(inertia, f'{inertia} iyx="0.01" izx="-0.02" izy="0.0300000001"')
-    with warnings.catch_warnings():
-        warnings.simplefilter('error')
-        assert pfd.load_robot(whole) == pfd.load_robot(text)
+    assert pfd.load_robot(whole) == pfd.load_robot(text)
     for key, same, value in (('iyx', 'ixy', 0.01), ('izx', 'ixz', -0.02), ('izy', 'iyz', 0.03)):
         with pytest.raises(
             ValueError, match=f"<inertia {key}> of link 'turret' must equal {same}, {value}, got 0"
@@ -796,7 +709,7 @@ def test_the_other_half_of_an_inertia_may_be_written_and_must_be_the_same() -> N
 # Line 1 is the declaration; link, joint and transmission begin in lines 5, 11 and 17.
 LINED = """<?xml version="1.0"?>
 <!-- an arm -->
-<robot name="arm">
+<robot name="arm" version="1.1">
   <link name="base"/>
   <link name="arm">
     <inertial>
@@ -815,6 +728,7 @@ LINED = """<?xml version="1.0"?>
     <actuator name="m"><motorInertia>0</motorInertia></actuator>
   </transmission>
 </robot>"""
+MASS = '<mass value="1"/>'
 INERTIA = 'ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"'
 MIMICS = '<mimic joint="{}"/></joint>'
 
@@ -822,9 +736,9 @@ MIMICS = '<mimic joint="{}"/></joint>'
 @pytest.mark.parametrize(
     ('old', 'new', 'line', 'words'),
     [
-        ('<mass value="1"/>', '<mass value="1,5"/>', 7, "<mass value> of link 'arm'"),
-        ('<mass value="1"/>', '<mass value="-1"/>', 6, "<mass value> of link 'arm'"),
-        ('<mass value="1"/>', '', 6, "<inertial> of link 'arm'"),
+        (MASS, '<mass value="1,5"/>', 7, "<mass value> of link 'arm'"),
+        (MASS, '<mass value="-1"/>', 6, "<mass value> of link 'arm'"),
+        (MASS, '', 6, "<inertial> of link 'arm'"),
         ('iyz="0" ', '', 8, "<inertia iyz> of link 'arm'"),
         (INERTIA, INERTIA.replace('ixx="1"', 'ixx="-1"'), 6, "<inertia> of link 'arm'"),
         ('link name="arm"', 'link name="base"', 5, r"two links named 'base' \(line [45]\)"),
@@ -837,7 +751,17 @@ MIMICS = '<mimic joint="{}"/></joint>'
         ('</joint>', MIMICS.format('j'), 11, "<mimic> in a circle of joints: 'j'"),
         ('>SimpleT', '>pkg/WristT', 17, "transmission 't'.*'WristTransmission'"),
         ('>0</motor', '>a</motor', 19, "motorInertia of transmission 't'"),
-        ('name="arm">', 'name="arm" version="2.0">', 3, "<robot version>.*got '2.0'"),
+        ('version="1.1"', 'version="2.0"', 3, "<robot version> must be one of 1.0, .* got '2.0'"),
+        ('version="1.1"', 'version=""', 3, "<robot version> must be one of .* got ''"),
+        (MASS, f'<origin quat_xyzw="0 0 0 0"/>{MASS}', 7, 'must be four numbers, not all 0'),
+        (MASS, f'<origin quat_xyzw="1 0 0"/>{MASS}', 7, "must be four numbers, got '1 0 0'"),
+        (MASS, f'<origin quat_xyzw="1 0 0 x"/>{MASS}', 7, "must be a number, got 'x'"),
+        (MASS, f'<origin rpy="0 0 0" quat_xyzw="1 0 0 0"/>{MASS}', 7, 'has rpy and quat_xyzw'),
+        (MASS, f'<origin xyz="0 0"/>{MASS}', 7, "<origin xyz> of link 'arm' must"),
+        (MASS, MASS * 2, 7, "link 'arm' has 2 elements <mass>"),
+        ('xyz="0 0 1"', '', 13, "<axis xyz> of joint 'j' must be three"),
+        ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/>' * 2, 13, "joint 'j' has 2 elements <axis>"),
+        ('<link name="base"/>', '<link/>', 4, 'a <link> without a name'),
         ('<robot', '<!DOCTYPE robot>\n<robot', 3, 'no <!DOCTYPE>'),
         ('<link name="base"/>', '<link name="base">', 21, 'not well-formed XML: mismatched tag'),
     ],
@@ -878,10 +802,8 @@ def test_a_transmission_of_an_unknown_type_is_named_with_its_line() -> None:
     text = LINED.replace('>0</motorInertia>', '/>').replace('<motorInertia', '<gain')
     with pytest.warns(pfd.PhysicsWarning, match=r"<transmission name='t'> of type 'Wr.*line 17\)"):
         pfd.load_robot(text.replace('>SimpleT', '>pkg/WristT'))
-    with warnings.catch_warnings():
-        warnings.simplefilter('error')
-        for name in ('SimpleT', 'transmission_interface/DifferentialT'):
-            assert pfd.load_robot(text.replace('>SimpleT', f'>{name}')).n == 1
+    for name in ('SimpleT', 'transmission_interface/DifferentialT'):
+        assert pfd.load_robot(text.replace('>SimpleT', f'>{name}')).n == 1
 
 
 BOMB = '<!DOCTYPE r [<!ENTITY a0 "x">{}]><robot name="&a30;"><link name="a"/></robot>'.format(
@@ -965,9 +887,7 @@ NAMED = """
 
 
 def test_names_of_other_tools_are_no_misspelt_ones() -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter('error')
-        assert pfd.load_robot(NAMED).friction.tolist() == [0.5]
+    assert pfd.load_robot(NAMED).friction.tolist() == [0.5]
 
 
 def arm_of(first: str, last: str = '', rpy: str = '0 0 0') -> str:
@@ -1041,10 +961,8 @@ def test_bodies_as_long_as_the_arm_and_a_last_one_that_is_longer_are_not_warned_
         link('rod', 1, '0 0 4', J=BODY),
         joint('hinge', 'continuous', 'base', 'rod', axis='0 1 0', extra=''),
     )
-    with warnings.catch_warnings():
-        warnings.simplefilter('error')
-        for text in (arm_of('2 0.5 0 0 0.4 0.4 0.4', '1 1.5 0 0 1 1 1'), cart, pendulum):
-            assert pfd.load_robot(text).n > 0
+    for text in (arm_of('2 0.5 0 0 0.4 0.4 0.4', '1 1.5 0 0 1 1 1'), cart, pendulum):
+        assert pfd.load_robot(text).n > 0
 
 
 def test_unexpanded_xacro_is_an_error_with_the_command_to_run() -> None:

@@ -119,18 +119,42 @@ WORDS = [
         ),
         id='make a joint off the chain fixed',
     ),
-    pytest.param("'loop'", LOOPED, {}, [(LOOP, '')], {}, ALL, id='cut a joint of the loop'),
     pytest.param(
-        *("'l2'", BARE, {}, [(link('l2'), link('l2', 0.5, J=BODY))], {}, ALL), id='add an inertial'
+        "'l2' hangs on joints 'level' and 'loop'",
+        LOOPED,
+        {},
+        [(LOOP, '')],
+        {},
+        ALL,
+        id='cut a joint of the loop',
     ),
-    pytest.param("'l2'", OPEN, {}, [('</robot>', f'{LEVEL}\n</robot>')], {}, ALL, id='one root'),
     pytest.param(
-        *("'l9'", CHAIN, {'tip': 'l9'}, [], {'tip': 'l1'}, ('turn', 'lift')),
+        *(
+            "link 'l2', moved by joint 'level', has no <inertial>",
+            BARE,
+            {},
+            [(link('l2'), link('l2', 0.5, J=BODY))],
+            {},
+            ALL,
+        ),
+        id='add an inertial',
+    ),
+    pytest.param(
+        "one link without a parent.*'base', 'l2'",
+        OPEN,
+        {},
+        [('</robot>', f'{LEVEL}\n</robot>')],
+        {},
+        ALL,
+        id='one root',
+    ),
+    pytest.param(
+        *("tip 'l9'.*'base'", CHAIN, {'tip': 'l9'}, [], {'tip': 'l1'}, ('turn', 'lift')),
         id='a link that it has',
     ),
     pytest.param(
         *(
-            "'l0'",
+            "'l0' is not below base 'l2'",
             CHAIN,
             {'base': 'l2', 'tip': 'l0'},
             [],
@@ -141,7 +165,7 @@ WORDS = [
     ),
     pytest.param(
         *(
-            "'j9'",
+            "'j9'.*no such joint.*'turn'",
             CHAIN,
             {'locked': {'j9': 0.0}},
             [],
@@ -152,7 +176,7 @@ WORDS = [
     ),
     pytest.param(
         *(
-            "'lift' at 3.0",
+            "cannot lock joint 'lift' at 3.0: its limits are -2.0 and 2.5",
             CHAIN,
             {'locked': {'lift': 3.0}},
             [],
@@ -168,7 +192,7 @@ WORDS = [
         id='a known version',
     ),
     pytest.param(
-        "'hinge'",
+        "'lift' has type 'hinge'",
         edited(CHAIN, ('name="lift" type="revolute"', 'name="lift" type="hinge"')),
         *({}, [('"hinge"', '"revolute"')], {}, ALL),
         id='a known type',

@@ -7,26 +7,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from bridge import (
-    FLOAT_ARRAY_TYPE,
-    INERTIA_TYPE,
-    WRENCH_TYPE,
-    ArmMessage,
-    Decoder,
-    Engine,
-    Joints,
-    Settings,
-    Verdict,
-    decode_joints,
-    encode_changes,
-    encode_clock,
-    encode_floats,
-    encode_joints,
-    encode_numbers,
-    encode_request,
-    encode_trajectory,
-    load_arm_robot,
-)
+from pfd_ros.arm.description import load_robot as load_arm_robot
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import Message as ArmMessage
+from pfd_ros.arm.events import Verdict
+from pfd_ros.arm.other_inputs import encode_changes, encode_request
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.columns import Decoder
+from pfd_ros.messages.joints import Joints, decode_joints, encode_joints
+from pfd_ros.messages.numbers import encode_clock, encode_numbers
+from pfd_ros.messages.text_and_arrays import encode_floats
+from pfd_ros.messages.trajectory import encode_trajectory
+from pfd_ros.messages.types import FLOAT_ARRAY as FLOAT_ARRAY_TYPE
+from pfd_ros.messages.types import INERTIA as INERTIA_TYPE
+from pfd_ros.messages.types import WRENCH as WRENCH_TYPE
 
 STEP_NS = 1_000_000
 NAN, INF = float('nan'), float('inf')

@@ -10,10 +10,12 @@ from pathlib import Path
 import signal
 from typing import Any
 
-from bridge import DDS_LOOPBACK, claimed_domain, initialised
 from plugin_sessions import install
 import pytest
 from ros_processes import HAS_ROS, JOINTS, Peer, Processes
+
+from pfd_ros.testing.domains import LOOPBACK as DDS_LOOPBACK
+from pfd_ros.testing.domains import claimed_domain, initialised
 
 # A folder with logs of real arms, each a bag of rosbag2 with /joint_states.
 REAL_ARMS = 'PFD_REAL_ARM_LOGS'
@@ -67,7 +69,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope='session')
 def page_server() -> Iterator[Any]:
     """Return a page of the view that is served for the whole run."""
-    from bridge import view_page
+    from pfd_ros.view.page import page as view_page
 
     with view_page(0, 'test') as server:
         yield server

@@ -7,12 +7,13 @@ from __future__ import annotations
 import ctypes
 import itertools
 import os
+from pkgutil import resolve_name
 import sys
 import threading
 import time
 from types import ModuleType
 
-import bridge
+from forked_process import put
 
 
 class FaultyExecutor:
@@ -70,18 +71,16 @@ def wait_and_end(args: list[str], stop: threading.Event, companion: object) -> i
 
 def without_ros(run) -> None:
     """Leave only the signals: such a process starts in a moment."""
-    name = bridge.PATCHED['node_process_run'].partition(':')[0]
-    stub = ModuleType(name)
+    stub = ModuleType('pfd_ros.node.process')
     stub.run = run
-    sys.modules[name] = stub
+    sys.modules[stub.__name__] = stub
 
 
 def step_after(count: int) -> None:
     """Let the arm step once that many inputs have come in."""
     came, enough = itertools.count(1), threading.Event()
-    real_put, real_run = bridge.Inbox_put, bridge.Stepper_run
 
-    def put(inbox, role, data, verdict=None):
+    def counted(inbox, role, data, verdict=None):
         found = real_put(inbox, role, data, verdict)
         if next(came) == count:
             enough.set()
@@ -91,26 +90,25 @@ def step_after(count: int) -> None:
         enough.wait()
         real_run(stepper, stopped)
 
-    bridge.put('TRANSITION_SECONDS', 0.5)
-    bridge.put('Inbox_put', put)
-    bridge.put('Stepper_run', run)
+    put('pfd_ros.node.sim_arm.TRANSITION_SECONDS', 0.5)
+    real_put = put('pfd_ros.node.inbox.Inbox.put', counted)
+    real_run = put('pfd_ros.node.stepping.Stepper.run', run)
 
 
 def fail_first(name: str, error: str) -> None:
-    """Let the first call of a name of the bridge fail."""
-    real, calls = getattr(bridge, name), itertools.count()
+    """Let the first call of a function of the node fail."""
+    calls = itertools.count()
 
     def called(*args, **named):
         if not next(calls):
             raise RuntimeError(error)
         return real(*args, **named)
 
-    bridge.put(name, called)
+    real = put(f'pfd_ros.node.{name}', called)
 
 
 def at_cycle(cycle: int, fault) -> None:
     """Call a function in the step after a cycle, before anything of it is recorded."""
-    real_step = bridge.Engine_step
 
     def step(engine, *args):
         before, found = engine.state.cycle, real_step(engine, *args)
@@ -118,7 +116,7 @@ def at_cycle(cycle: int, fault) -> None:
             fault()
         return found
 
-    bridge.put('Engine_step', step)
+    real_step = put('pfd_ros.arm.engine.Engine.step', step)
 
 
 def put_in(fault: str) -> None:
@@ -127,13 +125,13 @@ def put_in(fault: str) -> None:
         without_ros(runs[fault.removeprefix('stub_')])
         # On a busy machine the interpreter may need longer than that to go down; a process that
         # hangs uses all of it.
-        bridge.put('GRACE_SECONDS', 30.0 if fault == 'stub_ends' else 0.1)
+        put('pfd_ros.node.main.GRACE_SECONDS', 30.0 if fault == 'stub_ends' else 0.1)
         return
     if fault.startswith('executor_'):
-        real = bridge.EventsExecutor
-        bridge.put('EventsExecutor', lambda: FaultyExecutor(real(), fault))
+        executor = 'pfd_ros.node.process.EventsExecutor'
+        real = put(executor, lambda: FaultyExecutor(real(), fault))
         # As many as a real one may have before the node gives up.
-        bridge.put('MOST_FAILURES', 3)
+        put('pfd_ros.node.process.MOST_FAILURES', 3)
     elif fault.startswith('first_step_after_'):
         step_after(int(fault.removeprefix('first_step_after_')))
     else:
@@ -141,9 +139,8 @@ def put_in(fault: str) -> None:
 
 
 def end_within(seconds: int) -> None:
-    bridge.put('THREADS_END_SECONDS', seconds)
-    bridge.put('PROCESS_END_SECONDS', seconds)
-    bridge.put('LIFECYCLE_END_SECONDS', seconds)
+    for module in ('threads', 'process', 'lifecycle'):
+        put(f'pfd_ros.node.{module}.END_SECONDS', seconds)
 
 
 def hang_at_exit() -> None:
@@ -153,25 +150,23 @@ def hang_at_exit() -> None:
 
 def hang_in_teardown() -> None:
     end_within(2)
-    bridge.put('SimArmNode_destroy_node', hang_in_c)
+    put('pfd_ros.node.lifecycle.SimArmNode.destroy_node', hang_in_c)
 
 
 def configure(fault, seconds: int = 100) -> None:
     """Call a function before an arm is made; the end of the node waits so long for it."""
     end_within(seconds)
-    real = bridge.lifecycle_SimArm
 
     def made(*args):
         print('configures', flush=True)
         fault()
         return real(*args)
 
-    bridge.put('lifecycle_SimArm', made)
+    real = put('pfd_ros.node.lifecycle.SimArm', made)
 
 
 def prepare_slowly() -> None:
     """Let the native code of a change take a second."""
-    real = bridge.Engine_prepare
 
     def prepare(engine, role, data) -> None:
         print('compiles', flush=True)
@@ -179,7 +174,7 @@ def prepare_slowly() -> None:
         real(engine, role, data)
         print('has compiled', flush=True)
 
-    bridge.put('Engine_prepare', prepare)
+    real = put('pfd_ros.arm.engine.Engine.prepare', prepare)
 
 
 def hang_in_a_step() -> None:
@@ -189,9 +184,9 @@ def hang_in_a_step() -> None:
 
 def sync_within(seconds: float) -> None:
     """Let the disk need so long for what it is given, which is little; the node waits 1 s."""
-    bridge.put('SYNC_SECONDS', 0.0)
-    bridge.put('QUEUE_BYTES', 40_000)
-    bridge.put('DEAD_SECONDS', 1.0)
+    put('pfd_ros.recording.recorder.SYNC_SECONDS', 0.0)
+    put('pfd_ros.recording.recorder.QUEUE_BYTES', 40_000)
+    put('pfd_ros.node.stepping.DEAD_SECONDS', 1.0)
     os.fdatasync = lambda number: time.sleep(seconds)
 
 
@@ -209,8 +204,8 @@ class FaultyCompanion:
 
 
 def accompany() -> None:
-    real = bridge.node_process_run
-    bridge.put('node_process_run', lambda args, stop, _: real(args, stop, FaultyCompanion()))
+    process = 'pfd_ros.node.process.run'
+    real = put(process, lambda args, stop, _: real(args, stop, FaultyCompanion()))
 
 
 def fail(*_: object, **__: object) -> None:
@@ -218,9 +213,9 @@ def fail(*_: object, **__: object) -> None:
 
 
 def report_often() -> None:
-    bridge.put('REPORT_SECONDS', 0.1)
-    bridge.put('GRAPH_PATIENCE_SECONDS', 2.0)
-    bridge.put('LOST_CLOCK_SECONDS', 1)
+    put('pfd_ros.node.process.REPORT_SECONDS', 0.1)
+    put('pfd_ros.node.graph.PATIENCE_SECONDS', 2.0)
+    put('pfd_ros.node.report.LOST_CLOCK_SECONDS', 1)
 
 
 FAULTS = {
@@ -233,14 +228,20 @@ FAULTS = {
     'configuring_fails': lambda: configure(fail),
     'configuring_lasts': lambda: configure(lambda: time.sleep(1.0)),
     'configuring_hangs': lambda: configure(hang_in_c, 1),
-    'first_start_fails': lambda: fail_first('SimArm_start', "can't start new thread"),
-    'first_reading_fails': lambda: fail_first('refuse_unknown_parameters', 'no parameters'),
-    'first_setter_fails': lambda: fail_first('parameters_setter', 'no setter'),
-    'first_introduction_fails': lambda: fail_first('lifecycle_introduce', 'no introduction'),
+    'first_start_fails': lambda: fail_first(
+        'pfd_ros.node.sim_arm.SimArm.start', "can't start new thread"
+    ),
+    'first_reading_fails': lambda: fail_first(
+        'pfd_ros.node.parameters.refuse_unknown', 'no parameters'
+    ),
+    'first_setter_fails': lambda: fail_first('parameters.setter', 'no setter'),
+    'first_introduction_fails': lambda: fail_first(
+        'pfd_ros.node.lifecycle.introduce', 'no introduction'
+    ),
     'preparing_lasts': prepare_slowly,
-    'reporting_fails': lambda: bridge.put('lifecycle_report_arm', fail),
-    'requests_fail': lambda: bridge.put('services_encode_request', fail),
-    'closing_hangs': lambda: bridge.put('SimArm_close_recording', hang_in_c),
+    'reporting_fails': lambda: put('pfd_ros.node.lifecycle.report_arm', fail),
+    'requests_fail': lambda: put('pfd_ros.node.services.encode_request', fail),
+    'closing_hangs': lambda: put('pfd_ros.node.sim_arm.SimArm.close_recording', hang_in_c),
     'teardown_hangs': hang_in_teardown,
     'exit_hangs': hang_at_exit,
 }
@@ -248,7 +249,7 @@ FAULTS = {
 
 def main(args: list[str]) -> int:
     put_in(args[0])
-    return bridge.node_main(args[1:])
+    return resolve_name('pfd_ros.node.main.main')(args[1:])
 
 
 if __name__ == '__main__':

@@ -11,15 +11,14 @@ from importlib import import_module
 import multiprocessing
 import os
 from pathlib import Path
+from pkgutil import resolve_name
 import signal
 import subprocess
 import sys
 from typing import Any
 
-import bridge
-
 _FORKS = multiprocessing.get_context('forkserver')
-_FORKS.set_forkserver_preload([*bridge.PRELOADED, 'pytest', __name__])
+_FORKS.set_forkserver_preload(['pfd_ros.node.process', 'pfd_ros.cli.logs', 'pytest', __name__])
 PR_SET_PDEATHSIG = 1
 
 
@@ -36,8 +35,7 @@ class Job:
     env, cwd
         As for subprocess.Popen.
     replaced
-        Names of bridge.PATCHED -> what the process has in their place: values that can be
-        pickled.
+        Dotted path -> what the process has in its place: a value that can be pickled.
     """
 
     module: str
@@ -82,6 +80,15 @@ def failing(error: type[Exception], *_: Any) -> None:
     raise error('a bug')
 
 
+def put(path: str, value: object) -> Any:
+    """Replace what a dotted path names for the rest of this process; return what was there."""
+    owner, _, name = path.rpartition('.')
+    place = resolve_name(owner)
+    before = getattr(place, name)
+    setattr(place, name, value)
+    return before
+
+
 def _run(job: Job) -> None:
     if sys.platform == 'linux':
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, int(signal.SIGTERM))
@@ -93,5 +100,5 @@ def _run(job: Job) -> None:
         os.dup2(stream.fileno(), 1)
         os.dup2(stream.fileno(), 2)
     for name, value in job.replaced.items():
-        bridge.put(name, value)
+        put(name, value)
     sys.exit(import_module(job.module).main(list(job.args)))

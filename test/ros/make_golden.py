@@ -19,16 +19,13 @@ import sys
 import time
 from unittest.mock import patch
 
-from bridge import (
-    ARM_ROLES,
-    ArmMessage,
-    Engine,
-    LogRecorder,
-    RecordedLog,
-    recorded_engine,
-    topic_names,
-    totals_of,
-)
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import ROLES as ARM_ROLES
+from pfd_ros.arm.events import Message as ArmMessage
+from pfd_ros.recording.log import Log as RecordedLog
+from pfd_ros.recording.recorder import Recorder as LogRecorder
+from pfd_ros.recording.recorder import topic_names, totals_of
+from pfd_ros.replay.verify import recorded_engine
 
 START_NS = 1_700_000_000_000_000_000
 

@@ -13,21 +13,19 @@ from typing import Any
 import zlib
 
 from arm_messages import INF, NAN, efforts, named
-from bridge import (
-    END_RECORD,
-    ArmMessage,
-    Engine,
-    LogRecorder,
-    RecordedLog,
-    Settings,
-    encode_string,
-    load_arm_robot,
-    mcap_records,
-    topic_names,
-    totals_of,
-)
 from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
 from mcap.writer import Writer
+
+from pfd_ros.arm.description import load_robot as load_arm_robot
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import Message as ArmMessage
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.text_and_arrays import encode_string
+from pfd_ros.recording.format import END as END_RECORD
+from pfd_ros.recording.log import Log as RecordedLog
+from pfd_ros.recording.mcap_records import records as mcap_records
+from pfd_ros.recording.recorder import Recorder as LogRecorder
+from pfd_ros.recording.recorder import topic_names, totals_of
 
 # What every run has; a test adds others.
 ROLES = (

@@ -17,12 +17,16 @@ import sys
 import time
 from typing import Any, NamedTuple
 
-from bridge import DDS_LOOPBACK, ChildProcess, domain_environment, own_domain, verify_log
 from forked_process import ForkedProcess, Job
 import pytest
 from waiting import PATIENCE, wait_until
 
 import pfd_core as pfd
+from pfd_ros.replay.verify import verify as verify_log
+from pfd_ros.testing.domains import LOOPBACK as DDS_LOOPBACK
+from pfd_ros.testing.domains import environment as domain_environment
+from pfd_ros.testing.domains import own_domain
+from pfd_ros.testing.process import ChildProcess
 
 ROOT = Path(__file__).resolve().parents[2]
 # Of the package under test; an installation has byte code, which a checkout may not have.

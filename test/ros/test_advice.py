@@ -10,16 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from arm_messages import efforts
-from bridge import (
-    SINE_SETTINGS,
-    SMALLEST_SCENE,
-    Motion,
-    advise,
-    full_scene,
-    pfd_main,
-    read_motion,
-    sine_motion,
-)
 from effect_cases import everything
 import numpy as np
 import pytest
@@ -29,6 +19,11 @@ from zoo import joint, link, urdf
 
 import pfd_core as pfd
 from pfd_ros import read_log
+from pfd_ros.advice import Motion, advise, full_scene, read_motion
+from pfd_ros.advice import sine as sine_motion
+from pfd_ros.advice.motions import SETTINGS as SINE_SETTINGS
+from pfd_ros.advice.scene import SMALLEST as SMALLEST_SCENE
+from pfd_ros.cli.main import main as pfd_main
 
 # Rounding of some hundred steps of a motion of about a radian, and of differences of it; and the
 # error of RK4 with steps of 0.5 ms on exp(-d t / I), d / I up to 10: (h d / I)^4 and less.

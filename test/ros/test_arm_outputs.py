@@ -8,24 +8,6 @@ import itertools
 from typing import Any
 
 from arm_messages import UNLIMITED, change, decode_array, efforts, made, verdict, wrench
-from bridge import (
-    ARM_ROLES,
-    FLOAT_ARRAY_TYPE,
-    JOINT_STATE_TYPE,
-    NOISE_BLOCK,
-    NOISE_LARGEST_SEED,
-    OPTIONAL_OUTPUTS,
-    ArmMessage,
-    Engine,
-    NoiseChannel,
-    decode_joints,
-    decode_numbers,
-    inverse_normal,
-    noise_normal,
-    noise_uniform,
-    philox,
-    position_and_quaternion,
-)
 import mpmath
 import numpy as np
 from oracle import Oracle
@@ -33,6 +15,21 @@ import pinocchio as pin
 import pytest
 
 import pfd_core as pfd
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import OPTIONAL as OPTIONAL_OUTPUTS
+from pfd_ros.arm.events import ROLES as ARM_ROLES
+from pfd_ros.arm.events import Message as ArmMessage
+from pfd_ros.arm.noise import BLOCK as NOISE_BLOCK
+from pfd_ros.arm.noise import LARGEST_SEED as NOISE_LARGEST_SEED
+from pfd_ros.arm.noise import Channel as NoiseChannel
+from pfd_ros.arm.noise import inverse_normal, philox
+from pfd_ros.arm.noise import normal as noise_normal
+from pfd_ros.arm.noise import uniform as noise_uniform
+from pfd_ros.arm.outputs import position_and_quaternion
+from pfd_ros.messages.joints import decode_joints
+from pfd_ros.messages.numbers import decode_numbers
+from pfd_ros.messages.types import FLOAT_ARRAY as FLOAT_ARRAY_TYPE
+from pfd_ros.messages.types import JOINT_STATE as JOINT_STATE_TYPE
 
 # Not that of the model.
 _FIRST = ('wrist_1_joint', 'shoulder_pan_joint', 'elbow_joint')

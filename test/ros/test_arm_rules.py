@@ -31,26 +31,6 @@ from arm_messages import (
     verdict,
     wrench,
 )
-from bridge import (
-    ARM_EFFECT_FIELDS,
-    INERTIA_TYPE,
-    LARGEST_INPUT,
-    MOST_STEPS_AHEAD,
-    OPTIONAL_OUTPUTS,
-    VERDICT_LABELS,
-    ArmMessage,
-    Engine,
-    NoiseChannel,
-    Settings,
-    decode_numbers,
-    decode_string,
-    encode_string,
-    joint_settings,
-    load_arm_robot,
-    noise_uniform,
-    scene_of,
-    with_scene_text,
-)
 from effect_cases import example
 import numpy as np
 import pinocchio as pin
@@ -58,6 +38,22 @@ import pytest
 from ros_processes import example_robot
 
 import pfd_core as pfd
+from pfd_ros.arm.description import load_robot as load_arm_robot
+from pfd_ros.arm.engine import LARGEST as LARGEST_INPUT
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import LABELS as VERDICT_LABELS
+from pfd_ros.arm.events import OPTIONAL as OPTIONAL_OUTPUTS
+from pfd_ros.arm.events import Message as ArmMessage
+from pfd_ros.arm.noise import Channel as NoiseChannel
+from pfd_ros.arm.noise import uniform as noise_uniform
+from pfd_ros.arm.other_inputs import MOST_STEPS_AHEAD
+from pfd_ros.arm.plant import scene_of, with_scene_text
+from pfd_ros.arm.plant_settings import EFFECT_FIELDS as ARM_EFFECT_FIELDS
+from pfd_ros.arm.plant_settings import joint_settings
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.numbers import decode_numbers
+from pfd_ros.messages.text_and_arrays import decode_string, encode_string
+from pfd_ros.messages.types import INERTIA as INERTIA_TYPE
 
 NAMES, TIP = ('shoulder', 'elbow'), 'tip_link'
 START = {'initial_positions': (0.3, -0.2)}

@@ -30,7 +30,6 @@ from arm_messages import (
     tick,
     wrench,
 )
-from bridge import ARM_INPUTS, OPTIONAL_OUTPUTS, ArmMessage, Engine, decode_joints
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import (
@@ -43,6 +42,11 @@ import numpy as np
 import pytest
 
 import pfd_core as pfd
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import INPUTS as ARM_INPUTS
+from pfd_ros.arm.events import OPTIONAL as OPTIONAL_OUTPUTS
+from pfd_ros.arm.events import Message as ArmMessage
+from pfd_ros.messages.joints import decode_joints
 
 NAMES, TIP = ('shoulder', 'elbow'), 'tip_link'
 START = (0.3, -0.2)

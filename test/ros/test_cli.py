@@ -17,22 +17,6 @@ import sys
 import sysconfig
 from typing import Any
 
-import bridge
-from bridge import (
-    CLOSED_PIPE,
-    PFD_COMMANDS,
-    SMALL_COMMANDS,
-    doctor_cache,
-    doctor_clock,
-    doctor_compiler,
-    doctor_dds,
-    doctor_extras,
-    message_of,
-    pfd_commands_of,
-    pfd_main,
-    pfd_parser,
-    progress_on,
-)
 import numpy as np
 import pytest
 from recordings import busy, rewritten
@@ -40,6 +24,15 @@ from ros_processes import Peer, Processes, environment
 from waiting import PATIENCE
 
 import pfd_core as pfd
+from pfd_ros.cli import doctor
+from pfd_ros.cli.main import CLOSED_PIPE
+from pfd_ros.cli.main import COMMANDS as PFD_COMMANDS
+from pfd_ros.cli.main import commands_of as pfd_commands_of
+from pfd_ros.cli.main import main as pfd_main
+from pfd_ros.cli.main import parser as pfd_parser
+from pfd_ros.cli.send import message_of
+from pfd_ros.cli.small import COMMANDS as SMALL_COMMANDS
+from pfd_ros.cli.terminal import progress_on
 
 CYCLES = 60
 
@@ -591,7 +584,7 @@ def test_a_machine_has_a_line_for_each_subject_and_a_failure_is_status_1(
 @pytest.mark.ros
 def test_an_invalid_domain_is_named_and_no_firewall(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('ROS_DOMAIN_ID', '500')
-    (found,) = doctor_dds()
+    (found,) = doctor.dds()
     assert found.failed
     assert 'domainId is over 232' in found.text
 
@@ -612,7 +605,7 @@ def test_a_cache_that_cannot_be_used_is_a_failure(
         folder.mkdir(mode=0o700)
         folder.chmod(0o777 if cache == 'writable by all' else 0o700)
     monkeypatch.setenv('PFD_CACHE', str(folder) if cache else '')
-    (found,) = doctor_cache()
+    (found,) = doctor.cache()
     assert found.failed == failed
     assert text in found.text
     assert str(folder) in found.text or not cache
@@ -620,7 +613,7 @@ def test_a_cache_that_cannot_be_used_is_a_failure(
 
 def test_a_bare_timer_skips_periods_that_have_passed() -> None:
     # A loop of 10 kHz for 20 ms; each wake-up is due at a multiple of the period, one or more on.
-    periods = bridge.doctor_bare_timer(1e-4, 0.02)
+    periods = doctor.bare_timer(1e-4, 0.02)
     assert 1 <= len(periods) <= 201
     assert periods.sum() >= 0.02
     assert (periods > 0).all()
@@ -631,9 +624,9 @@ def test_a_timer_that_misses_periods_is_a_finding(
     monkeypatch: pytest.MonkeyPatch, count: int, busy: bool
 ) -> None:
     monkeypatch.setattr(
-        *bridge.target('doctor_bare_timer'), lambda period, length: np.full(count, length / count)
+        'pfd_ros.cli.doctor.bare_timer', lambda period, length: np.full(count, length / count)
     )
-    (found,) = doctor_clock()
+    (found,) = doctor.clock()
     assert found.subject == 'clock'
     assert f'woke {count} times in 1 s, expected 1000' in found.text
     assert ('a busy machine' in found.text) == busy
@@ -652,7 +645,7 @@ def test_a_kernel_with_a_wrong_answer_is_a_failure(monkeypatch: pytest.MonkeyPat
             return 1.001 * self.kernel(*given)
 
     monkeypatch.setattr(pfd, 'compile_kernel', Wrong)
-    (found,) = doctor_compiler()
+    (found,) = doctor.compiler()
     assert found.failed
 
 
@@ -663,7 +656,7 @@ def test_a_missing_extra_is_named_with_the_command_that_installs_it(
     folder.mkdir()
     (folder / 'METADATA').write_text(METADATA, encoding='utf-8')
     monkeypatch.syspath_prepend(str(tmp_path))
-    texts = [found.text for found in doctor_extras()]
+    texts = [found.text for found in doctor.extras()]
     assert texts[0].startswith('plots: a-package-that-nobody-has not installed; needed for ')
     assert texts[0].endswith("pip install 'pfd_ros[plots]'")
     assert texts[1] == 'test: installed'

@@ -12,11 +12,12 @@ import sys
 from typing import Any
 
 from arm_messages import efforts
-from bridge import RecordedLog, verify_log
 import pytest
 from recordings import Run
 from test_cli import command
 
+from pfd_ros.recording.log import Log as RecordedLog
+from pfd_ros.replay.verify import verify as verify_log
 from pfd_ros.testing import ControllerProcess, LockstepArm
 
 CONTROLLERS = Path(__file__).with_name('tested_controllers.py')

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from arm_messages import named
-from bridge import ArmMessage, compare_logs, log_facts, pfd_main
 from logs import JOINT_STATE, STATES, STRING, Row, joint_state, states, string, write_mcap
 import numpy as np
 import pytest
@@ -19,6 +18,10 @@ from recordings import NAMES as ARM_NAMES
 from recordings import busy, simulate
 
 from pfd_ros import read_log
+from pfd_ros.arm.events import Message as ArmMessage
+from pfd_ros.cli.main import main as pfd_main
+from pfd_ros.recording.facts import facts as log_facts
+from pfd_ros.replay.compare import compare as compare_logs
 
 NAMES = ('shoulder', 'elbow')
 HAND = ('finger',)

@@ -23,20 +23,6 @@ from arm_messages import (
     verdict,
     wrench,
 )
-from bridge import (
-    CONVENTIONS,
-    PAGE_TYPES,
-    SETTING_ROWS,
-    ArmMessage,
-    Engine,
-    Settings,
-    behaviours,
-    convention_documents,
-    decode_joints,
-    page_of_log,
-    verify_log,
-    what_if,
-)
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -44,6 +30,17 @@ from recordings import simulate
 
 import pfd_core as pfd
 from pfd_ros import read_log
+from pfd_ros.arm.conventions import CONVENTIONS, behaviours
+from pfd_ros.arm.conventions import documents as convention_documents
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import Message as ArmMessage
+from pfd_ros.arm.settings import FIELDS as SETTING_ROWS
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.joints import decode_joints
+from pfd_ros.page.page import TYPES as PAGE_TYPES
+from pfd_ros.page.page import page as page_of_log
+from pfd_ros.replay.verify import verify as verify_log
+from pfd_ros.replay.what_if import what_if
 from pfd_ros.testing import LockstepArm
 
 BEHAVIOURS = {(name, row.name): row for name in CONVENTIONS for row in behaviours(name)}

@@ -15,8 +15,6 @@ from typing import Any
 
 from arm_messages import efforts as commanded
 from arm_messages import made, wrench
-import bridge
-from bridge import decode_joints
 import numpy as np
 import pytest
 from ros_processes import Peer, Processes, environment
@@ -25,6 +23,10 @@ from waiting import PATIENCE
 
 import pfd_core as pfd
 from pfd_ros import read_log
+from pfd_ros.cli.main import main as pfd_main
+from pfd_ros.demo import run, scenario
+from pfd_ros.messages.joints import decode_joints
+from pfd_ros.replay.verify import verify as verify_log
 
 # Friction, payload and push move a joint off its motion by some hundredths of a radian.
 VISIBLE, LIMIT = 1e-3, 0.1
@@ -33,7 +35,7 @@ VISIBLE, LIMIT = 1e-3, 0.1
 @pytest.mark.parametrize('name', pfd.known_robots())
 def test_the_motion_starts_at_rest_and_stays_within_the_limits(name: str) -> None:
     robot = pfd.load_robot(name)
-    motion = bridge.demo_motion(robot)
+    motion = scenario.motion_of(robot)
     q, qd, qdd = motion.at(0.0)
     np.testing.assert_array_equal(q, motion.start)
     assert not qd.any()
@@ -45,7 +47,7 @@ def test_the_motion_starts_at_rest_and_stays_within_the_limits(name: str) -> Non
 
 
 def test_the_motion_has_the_derivatives_it_states() -> None:
-    motion, step = bridge.demo_motion(pfd.load_robot('puma560')), 1e-5
+    motion, step = scenario.motion_of(pfd.load_robot('puma560')), 1e-5
     t = np.linspace(0.1, 5, 50)
     (q0, v0, _), (_, v, a), (q1, v1, _) = (motion.at(t + k * step) for k in (-1, 0, 1))
     # Differences err by step^2 / 6 times a derivative of third or fourth order, below 1000 here.
@@ -56,8 +58,8 @@ def test_the_motion_has_the_derivatives_it_states() -> None:
 @pytest.mark.parametrize('name', one_fast(pfd.known_robots(), 'planar2'))
 def test_the_disturbances_are_visible_and_the_controller_rejects_them(name: str) -> None:
     robot, seconds, push = pfd.load_robot(name), 2.0, 0.5
-    motion = bridge.demo_motion(robot)
-    parameters = bridge.demo_parameters(robot, seconds)
+    motion = scenario.motion_of(robot)
+    parameters = scenario.parameters(robot, seconds)
     settings = {key.replace('.', '_'): value for key, value in parameters.items()}
     settings = {k: tuple(v) if isinstance(v, list) else v for k, v in settings.items()}
     engine = made(robot=name, **{**settings, 'outputs': ()})
@@ -68,9 +70,9 @@ def test_the_disturbances_are_visible_and_the_controller_rejects_them(name: str)
         state, t = decode_joints(data), (k + 1) * 1e-3
         q, qd = np.array(state.position), np.array(state.velocity)
         off[k] = np.abs(q - motion.at(t)[0]).max()
-        messages = [commanded(*bridge.demo_efforts(robot, motion, t, q, qd))]
+        messages = [commanded(*scenario.efforts(robot, motion, t, q, qd))]
         if k == round(push * cycles):
-            messages.append(wrench(robot.tip, bridge.demo_push(robot)))
+            messages.append(wrench(robot.tip, scenario.push_force(robot)))
     before, after = off[: round(push * cycles)], off[round(push * cycles) :]
     assert VISIBLE < before.max() < LIMIT
     assert VISIBLE < after.max() < LIMIT
@@ -89,7 +91,7 @@ def test_the_disturbances_are_visible_and_the_controller_rejects_them(name: str)
 def test_wrong_options_are_one_line_before_anything_starts(
     words: tuple[str, ...], error: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert bridge.pfd_main(['demo', '--out', str(tmp_path / 'out'), *words]) == 1
+    assert pfd_main(['demo', '--out', str(tmp_path / 'out'), *words]) == 1
     printed = capsys.readouterr()
     assert printed.out == ''
     assert printed.err.startswith(f'pfd demo: {error}')
@@ -108,7 +110,7 @@ def test_a_rate_below_the_one_of_the_stamps_is_a_machine_that_is_too_slow(
     stamps = np.arange(len(periods) + 1) * 1_000_000
     times = np.cumsum([0, *(round(1e6 * period) for period in periods)])
     log = {'/states': SimpleNamespace(stamp_ns=stamps, log_ns=times)}
-    assert bridge.demo_rate(log, '/states') == slow
+    assert run._rate(log, '/states') == slow
     printed = capsys.readouterr().out
     assert 'of 1000 Hz' in printed
     assert ('this machine is too slow' in printed) == slow
@@ -121,11 +123,11 @@ def test_even_on_one_domain_two_demos_are_apart(
     # A domain that looked free to both: their names and clocks still differ.
     started: list[list[str]] = []
     monkeypatch.setattr(
-        *bridge.target('demo_ChildProcess'), lambda command, *_: started.append(command)
+        'pfd_ros.demo.run.ChildProcess', lambda command, *_: started.append(command)
     )
     for _ in range(2):
         with suppress(AttributeError):
-            bridge.run_demo('planar2', 1.0, tmp_path)
+            run.run_demo('planar2', 1.0, tmp_path)
     names = [[part for part in command if part.startswith('__ns:=')] for command in started]
     assert len(names) >= 2
     assert all(len(name) == 1 for name in names)
@@ -173,7 +175,7 @@ def check_demo(folder: Path, process: subprocess.Popen[str]) -> str:
     assert re.search(r'rate +[\d.]+ Hz of 1000 Hz', printed)
     assert re.search(r'joint6 +\d\.\d+e-\d+ +\d\.\d+e-\d+', printed)
     assert '<html' in base.with_suffix('.html').read_text(encoding='utf-8')
-    assert bridge.verify_log(base.with_suffix('.mcap')).complete
+    assert verify_log(base.with_suffix('.mcap')).complete
     if not failures:
         fine = r'^page +here/arm_0.html: (nothing went wrong|.*\(busy machine\)$)'
         assert re.search(fine, printed, re.MULTILINE)
@@ -235,8 +237,8 @@ def test_the_demo_shows_the_arm_while_it_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # Nobody opens the page.
-    monkeypatch.setattr(*bridge.target('DEMO_PAGE_SECONDS'), 0.5)
-    assert bridge.run_demo('planar2', 1.0, tmp_path, 0) == 0, capsys.readouterr()
+    monkeypatch.setattr('pfd_ros.demo.run.PAGE_SECONDS', 0.5)
+    assert run.run_demo('planar2', 1.0, tmp_path, 0) == 0, capsys.readouterr()
     printed = capsys.readouterr().out
     assert re.search(
         r'^view +http://127\.0\.0\.1:\d+: the arm starts when a browser', printed, re.MULTILINE

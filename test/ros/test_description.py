@@ -8,18 +8,6 @@ from pathlib import Path
 import re
 from typing import Any
 
-from bridge import (
-    TRANSFORMS_TYPE,
-    Decoder,
-    DescribedRobot,
-    Engine,
-    LinkFrames,
-    Settings,
-    decode_string,
-    described_robot,
-    parsed_urdf,
-    read_ros2_control,
-)
 import gripper_arm
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
@@ -31,6 +19,13 @@ from zoo import joint as zoo_joint
 from zoo import link, urdf
 
 import pfd_core as pfd
+from pfd_ros.arm.description import DescribedRobot, described_robot, parsed_urdf, read_ros2_control
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.frames import LinkFrames
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.columns import Decoder
+from pfd_ros.messages.text_and_arrays import decode_string
+from pfd_ros.messages.types import TRANSFORMS as TRANSFORMS_TYPE
 
 ARM = ('shoulder', 'elbow')
 STOCK = 'joint_state_topic_hardware_interface/JointStateTopicSystem'

@@ -7,20 +7,16 @@ from __future__ import annotations
 from typing import Any
 
 from arm_messages import efforts, made
-from bridge import (
-    Engine,
-    Settings,
-    estimate_text,
-    gain_limits,
-    load_arm_robot,
-    scene_of,
-    speeding,
-)
 import numpy as np
 import pytest
 from ros_processes import example_robot
 
 import pfd_core as pfd
+from pfd_ros.arm.advice import estimate_text, gain_limits, speeding
+from pfd_ros.arm.description import load_robot as load_arm_robot
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.plant import scene_of
+from pfd_ros.arm.settings import Settings
 
 PERIOD = 0.001
 # An arm without any limit.

@@ -13,7 +13,6 @@ import sys
 from typing import Any
 import xml.etree.ElementTree as ElementTree
 
-from bridge import pfd_main
 import gripper_arm
 from gripper_arm import ARM
 from logs import STRING as STRING_TYPE
@@ -27,6 +26,7 @@ import yaml
 
 import pfd_core as pfd
 from pfd_ros import read_log
+from pfd_ros.cli.main import main as pfd_main
 from pfd_ros.testing import LockstepArm
 
 ACTION = ROOT / '.github' / 'actions' / 'test-controller' / 'action.yml'

@@ -12,9 +12,10 @@ import sys
 from types import ModuleType
 from typing import Any
 
-from bridge import Settings
 import gripper_arm
 import pytest
+
+from pfd_ros.arm.settings import Settings
 
 FOLDER = Path(__file__).resolve().parents[2] / 'launch'
 FILES = sorted(FOLDER.glob('*.launch.py'))

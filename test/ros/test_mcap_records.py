@@ -11,7 +11,6 @@ import struct
 from typing import Any
 import zlib
 
-from bridge import MCAP_CHANNELS, MCAP_TEXT_BYTES, LogError, mcap_records
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 from logs import (
@@ -39,6 +38,10 @@ import pytest
 import zstandard
 
 from pfd_ros import read_log
+from pfd_ros.recording.format import LogError
+from pfd_ros.recording.mcap_records import CHANNELS as MCAP_CHANNELS
+from pfd_ros.recording.mcap_records import TEXT_BYTES as MCAP_TEXT_BYTES
+from pfd_ros.recording.mcap_records import records as mcap_records
 
 ROWS = states(20)
 INSIDE = schema() + channel() + b''.join(map(message, ROWS))

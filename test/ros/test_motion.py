@@ -7,15 +7,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from bridge import (
-    joint_diagnosis,
-    oscillation,
-    overshoot,
-    settling_time,
-    text_of,
-)
 import numpy as np
 import pytest
+
+from pfd_ros.motion.metrics import overshoot, settling_time
+from pfd_ros.motion.symptoms import diagnosis as joint_diagnosis
+from pfd_ros.motion.symptoms import oscillation, text_of
 
 STEP = 1e-3
 TIME = STEP * np.arange(1, 2001)

@@ -8,13 +8,14 @@ import signal
 import time
 from typing import Any
 
-from bridge import RecordedLog, verify_log
 import gripper_arm
 import numpy as np
 import pytest
 from ros_processes import JOINTS, Process, Processes, description_publisher
 
 import pfd_core as pfd
+from pfd_ros.recording.log import Log as RecordedLog
+from pfd_ros.replay.verify import verify as verify_log
 
 pytestmark = pytest.mark.ros
 # Some rounds of reports of a node that reports often: a second finding would be among them.
@@ -316,7 +317,9 @@ def test_remappings_and_parameters_count_before_the_ros2_control(
 
 
 def test_the_reported_energy_excludes_gravity_compensation() -> None:
-    from bridge import Engine, MassKernels, Settings
+    from pfd_ros.arm.engine import Engine
+    from pfd_ros.arm.settings import Settings
+    from pfd_ros.node.diagnostics import MassKernels
 
     told = []
     for compensated in (False, True):

@@ -7,7 +7,6 @@ from __future__ import annotations
 from pathlib import Path
 import signal
 
-from bridge import RecordedLog, verify_log
 import gripper_arm
 import pytest
 from ros_processes import (
@@ -24,6 +23,9 @@ from ros_processes import (
 )
 from rosbags.typesys import Stores, get_typestore
 from waiting import PATIENCE
+
+from pfd_ros.recording.log import Log as RecordedLog
+from pfd_ros.replay.verify import verify as verify_log
 
 pytestmark = pytest.mark.ros
 WAITS = ('-p', 'autostart:=false')

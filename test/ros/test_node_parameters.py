@@ -9,7 +9,6 @@ import os
 from pathlib import Path
 from typing import Any
 
-from bridge import RecordedLog, decode_string, verify_log
 import numpy as np
 import pytest
 from ros_processes import (
@@ -26,6 +25,9 @@ from ros_processes import (
 from waiting import PATIENCE
 
 import pfd_core as pfd
+from pfd_ros.messages.text_and_arrays import decode_string
+from pfd_ros.recording.log import Log as RecordedLog
+from pfd_ros.replay.verify import verify as verify_log
 
 pytestmark = pytest.mark.ros
 NODE, SIM = ('pfd_ros.node.main',), ('pfd_ros.cli.main', 'sim')

@@ -13,7 +13,6 @@ import subprocess
 import sys
 import time
 
-from bridge import MOST_WAITING_INPUTS, RecordedLog, verify_log
 from mcap.reader import make_reader
 import pytest
 from ros_processes import (
@@ -28,6 +27,10 @@ from ros_processes import (
 from rosbags.typesys import Stores, get_typestore
 from sampling import one_fast
 from waiting import PATIENCE, wait_until
+
+from pfd_ros.node.inbox import MOST_WAITING as MOST_WAITING_INPUTS
+from pfd_ros.recording.log import Log as RecordedLog
+from pfd_ros.replay.verify import verify as verify_log
 
 pytestmark = pytest.mark.ros
 
@@ -202,7 +205,7 @@ def test_without_discovery_or_a_network_an_arm_steps_and_records(
 # the dynamics until the collector is switched on, and in the end the modules.
 SCRIPT = """
 import atexit, gc, sys
-from bridge import pfd_main
+from pfd_ros.cli.main import main
 collected, enable = [], gc.enable
 def enabled():
     print('collections:', collected, flush=True)
@@ -213,7 +216,7 @@ def collecting(phase, of):
         collected.append(of['generation'])
 gc.callbacks.append(collecting)
 atexit.register(lambda: print('modules:', *sorted(sys.modules)))
-raise SystemExit(pfd_main(sys.argv[1:]))
+raise SystemExit(main(sys.argv[1:]))
 """
 # What other commands and recordings need.
 UNUSED = {'mcap', 'pfd_ros.replay', 'pfd_ros.recording.recorder', 'pfd_ros.demo', 'pinocchio'}

@@ -13,7 +13,6 @@ import subprocess
 import sys
 import time
 
-from bridge import verify_log
 import pytest
 from ros_processes import (
     FAULTY,
@@ -28,6 +27,8 @@ from ros_processes import (
 )
 from sampling import one_fast
 from waiting import PATIENCE, wait_until
+
+from pfd_ros.replay.verify import verify as verify_log
 
 INT, TERM, HUP = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 STATUS_BASE = 128  # of a shell, for a process that a signal ended
@@ -51,7 +52,7 @@ def test_a_third_signal_ends_a_process_that_hangs(processes: Processes, fault: s
 @pytest.mark.parametrize('reader', one_fast(['is gone', 'hangs'], 'hangs'))
 def test_a_third_signal_ends_a_process_with_an_output_that_takes_no_line(reader: str) -> None:
     code = (
-        'import time; from bridge import node_stop_on_signals; node_stop_on_signals()\n'
+        'import time; from pfd_ros.node.main import stop_on_signals; stop_on_signals()\n'
         "print('waits', flush=True); time.sleep(1e3)"
     )
     reading, writing = os.pipe()

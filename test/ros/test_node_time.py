@@ -10,7 +10,6 @@ import signal
 import time
 from typing import Any
 
-from bridge import RecordedLog, decode_joints, verify_log
 import numpy as np
 import pytest
 from ros_processes import (
@@ -23,6 +22,10 @@ from ros_processes import (
     stamp_ns,
     trigger,
 )
+
+from pfd_ros.messages.joints import decode_joints
+from pfd_ros.recording.log import Log as RecordedLog
+from pfd_ros.replay.verify import verify as verify_log
 
 pytestmark = pytest.mark.ros
 

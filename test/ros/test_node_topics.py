@@ -11,7 +11,6 @@ import random
 import signal
 from typing import Any
 
-from bridge import ARM_ROLES, LARGEST_INPUT, OPTIONAL_OUTPUTS, verify_log
 import gripper_arm
 import numpy as np
 import pytest
@@ -25,6 +24,11 @@ from ros_processes import (
     stamp_ns,
     trigger,
 )
+
+from pfd_ros.arm.engine import LARGEST as LARGEST_INPUT
+from pfd_ros.arm.events import OPTIONAL as OPTIONAL_OUTPUTS
+from pfd_ros.arm.events import ROLES as ARM_ROLES
+from pfd_ros.replay.verify import verify as verify_log
 
 pytestmark = pytest.mark.ros
 NAN, INF = float('nan'), float('inf')

@@ -17,14 +17,6 @@ from typing import Any
 import zlib
 
 from arm_messages import change, efforts, named, placed, request, trajectory
-from bridge import (
-    PAGE_TYPES,
-    PageMoment,
-    PageReference,
-    encode_joints,
-    page_of_log,
-    pfd_main,
-)
 from devtools import needs_browser, opened
 from logs import JOINT_STATE, STORE, STRING, Row, random_message, write_mcap
 import numpy as np
@@ -34,6 +26,12 @@ from waiting import wait_until
 
 import pfd_core as pfd
 from pfd_ros import read_log
+from pfd_ros.cli.main import main as pfd_main
+from pfd_ros.messages.joints import encode_joints
+from pfd_ros.page.curves import Reference as PageReference
+from pfd_ros.page.page import TYPES as PAGE_TYPES
+from pfd_ros.page.page import Moment as PageMoment
+from pfd_ros.page.page import page as page_of_log
 
 HOSTILE = '</script><img src=x onerror=alert(1)>&"\'{{}}\u2028'
 DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'

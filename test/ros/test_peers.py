@@ -7,12 +7,14 @@ from __future__ import annotations
 from pathlib import Path
 import sys
 
-from bridge import DDS_LOOPBACK, claimed_domain, domain_environment_to_kill
 import pytest
 from ros_processes import Processes
 from waiting import wait_until
 
 from pfd_ros.testing import ControllerProcess
+from pfd_ros.testing.domains import LOOPBACK as DDS_LOOPBACK
+from pfd_ros.testing.domains import claimed_domain
+from pfd_ros.testing.domains import environment_to_kill as domain_environment_to_kill
 
 
 def shared() -> set[str]:

@@ -13,19 +13,6 @@ import signal
 import time
 from typing import Any
 
-from bridge import (
-    ARM_ROLES,
-    INPUT_NAMES,
-    Bag,
-    BagTopic,
-    Qos,
-    choose_topics,
-    claimed_domain,
-    decode_clock,
-    is_command,
-    pfd_main,
-    qos_text,
-)
 from forked_process import failing
 from logs import (
     JOINT_STATE,
@@ -42,6 +29,15 @@ from logs import (
 import pytest
 from recordings import busy
 from ros_processes import Peer, Process, Processes, call
+
+from pfd_ros.arm.events import ROLES as ARM_ROLES
+from pfd_ros.cli.main import main as pfd_main
+from pfd_ros.messages.numbers import decode_clock
+from pfd_ros.messages.qos import Qos, qos_text
+from pfd_ros.recording.bags import Bag, BagTopic
+from pfd_ros.replay.playlist import INPUT_NAMES, is_command
+from pfd_ros.replay.playlist import choose as choose_topics
+from pfd_ros.testing.domains import claimed_domain
 
 pytestmark = pytest.mark.ros
 
@@ -257,11 +253,11 @@ class Listener:
 
 
 def start(processes: Processes, log: Path, *options: str, **replaced: Any) -> Process:
-    """Start a player, perhaps with other values of bridge.PATCHED.
+    """Start a player, perhaps with other values for dotted paths.
 
     It waits for no subscriptions: where some are to be there, `begin` waits.
     """
-    faults = {'PLAYER_DISCOVERY_SECONDS': 0.0, **replaced}
+    faults = {'pfd_ros.replay.publish.DISCOVERY_SECONDS': 0.0, **replaced}
     args = ('replay', str(log), '--publish', *options)
     return processes.forked('pfd_ros.cli.main', *args, replaced=faults)
 
@@ -467,7 +463,8 @@ def test_an_error_of_the_player_itself_is_a_traceback_and_not_called_ros(
     processes: Processes, tmp_path: Path
 ) -> None:
     log = write_words(tmp_path / 'words.mcap', 2)
-    player = start(processes, log, PlayerSchedule_next_ns=partial(failing, RecursionError))
+    next_ns = 'pfd_ros.replay.schedule.Schedule.next_ns'
+    player = start(processes, log, **{next_ns: partial(failing, RecursionError)})
     assert player.process.wait(60) == 1
     assert 'RecursionError: a bug' in player.text()
     assert 'ROS:' not in player.text()

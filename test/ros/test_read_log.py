@@ -15,7 +15,6 @@ import sqlite3
 import tracemalloc
 from typing import Any
 
-from bridge import LogError, in_order, log_facts, renamed_joints
 from hypothesis import given
 from hypothesis import strategies as st
 from logs import (
@@ -39,6 +38,10 @@ import pytest
 from recordings import NAMES, busy
 
 from pfd_ros import read_log
+from pfd_ros.recording.arrays import renamed as renamed_joints
+from pfd_ros.recording.bags import in_order
+from pfd_ros.recording.facts import facts as log_facts
+from pfd_ros.recording.format import LogError
 
 NAN = np.nan
 HAND = ('finger_1', 'finger_2')
@@ -159,7 +162,7 @@ def test_equal_log_times_keep_the_order_of_the_file_and_too_late_ones_are_damage
 
 @given(st.lists(st.tuples(st.integers(0, 30), st.integers(0, 20)), max_size=40))
 def test_any_order_is_put_in_order_with_the_least_waiting(rows: list[tuple[int, int]]) -> None:
-    from bridge import BagMessage
+    from pfd_ros.recording.bags import BagMessage
 
     messages = [BagMessage('/t', at, at, bytes(size), k) for k, (at, size) in enumerate(rows)]
     late = max((a - b for k, (a, _) in enumerate(rows) for b, _ in rows[k:]), default=0)

@@ -18,17 +18,6 @@ import threading
 import time
 
 from arm_messages import efforts
-import bridge
-from bridge import (
-    ArmMessage,
-    LogRecorder,
-    RecordedLog,
-    decode_joints,
-    mcap_records,
-    recover_log,
-    topic_names,
-    verify_log,
-)
 from mcap.reader import make_reader
 from mcap.records import Message
 import pytest
@@ -36,6 +25,14 @@ from recordings import NAMES, ROLES, Run, aside, busy, largest_file, simulate
 from waiting import PATIENCE, threads_named, wait_until
 
 import pfd_core as pfd
+from pfd_ros.arm.events import Message as ArmMessage
+from pfd_ros.messages.joints import decode_joints
+from pfd_ros.recording.log import Log as RecordedLog
+from pfd_ros.recording.mcap_records import records as mcap_records
+from pfd_ros.recording.recorder import Recorder as LogRecorder
+from pfd_ros.recording.recorder import topic_names
+from pfd_ros.recording.recover import recover as recover_log
+from pfd_ros.replay.verify import verify as verify_log
 
 HERE = Path(__file__).resolve().parent
 
@@ -233,7 +230,7 @@ def check_ended(run: Run, why: str) -> None:
 def test_a_file_that_another_program_takes_ends_the_recording(
     fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(*bridge.target('SYNC_SECONDS'), 0.05)
+    monkeypatch.setattr('pfd_ros.recording.recorder.SYNC_SECONDS', 0.05)
     path = tmp_path / 'run.mcap'
     run = Run(path)
     run.step(efforts(1.0, 2.0))
@@ -274,14 +271,14 @@ def hanging(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
         raise OSError(errno.EIO, 'Input/output error')
 
     monkeypatch.setattr(os, 'fdatasync', wait)
-    monkeypatch.setattr(*bridge.target('SYNC_SECONDS'), 0.0)
+    monkeypatch.setattr('pfd_ros.recording.recorder.SYNC_SECONDS', 0.0)
     return released
 
 
 def test_a_slow_disk_ends_the_recording_when_the_queue_is_full(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(*bridge.target('QUEUE_BYTES'), 100_000)
+    monkeypatch.setattr('pfd_ros.recording.recorder.QUEUE_BYTES', 100_000)
     released = hanging(monkeypatch)
     run = Run(tmp_path / 'run.mcap')
     run.step()
@@ -323,7 +320,7 @@ def test_what_comes_after_closing_is_not_recorded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = simulate(tmp_path / 'run.mcap', 3)
-    monkeypatch.setattr(*bridge.target('QUEUE_BYTES'), 1000)
+    monkeypatch.setattr('pfd_ros.recording.recorder.QUEUE_BYTES', 1000)
     run.recorder.put([aside()] * 100, 0)
     run.recorder.close({})
     assert run.recorder.error == ''

@@ -8,12 +8,17 @@ from pathlib import Path
 import random
 import struct
 
-from bridge import MCAP_MAGIC, LogError, pfd_main, recover_log, verify_log
 from mcap.reader import make_reader
 from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, IndexType, Writer
 import pytest
 from recordings import busy, largest_file, rewritten
+
+from pfd_ros.cli.main import main as pfd_main
+from pfd_ros.recording.format import LogError
+from pfd_ros.recording.mcap_records import MAGIC as MCAP_MAGIC
+from pfd_ros.recording.recover import recover as recover_log
+from pfd_ros.replay.verify import verify as verify_log
 
 Found = tuple[str, int, int, bytes]
 

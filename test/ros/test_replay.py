@@ -30,27 +30,25 @@ from arm_messages import (
     trajectory,
     wrench,
 )
-from bridge import (
-    ARM_ROLES,
-    END_RECORD,
-    HEAD_RECORD,
-    ArmMessage,
-    DifferenceError,
-    Inbox,
-    LogError,
-    RecordedLog,
-    decode_string,
-    encode_string,
-    mcap_records,
-    summarize_log,
-    summary_lines,
-    verify_log,
-)
 import make_golden
 from mcap.records import Message, Metadata
 from mcap.writer import Writer
 import pytest
 from recordings import NAMES, Run, aside, busy, rewritten, simulate
+
+from pfd_ros.arm.events import ROLES as ARM_ROLES
+from pfd_ros.arm.events import Message as ArmMessage
+from pfd_ros.messages.text_and_arrays import decode_string, encode_string
+from pfd_ros.node.inbox import Inbox
+from pfd_ros.recording.format import END as END_RECORD
+from pfd_ros.recording.format import HEAD as HEAD_RECORD
+from pfd_ros.recording.format import LogError
+from pfd_ros.recording.log import Log as RecordedLog
+from pfd_ros.recording.mcap_records import records as mcap_records
+from pfd_ros.replay.summary import lines as summary_lines
+from pfd_ros.replay.summary import summarize as summarize_log
+from pfd_ros.replay.verify import DifferenceError
+from pfd_ros.replay.verify import verify as verify_log
 
 DATA = Path(__file__).resolve().parents[1] / 'data'
 LOGS = sorted(DATA.glob('*.mcap'))

@@ -12,7 +12,6 @@ import subprocess
 import sys
 from xml.etree import ElementTree
 
-from bridge import VERDICT_LABELS, RecordedLog, Settings, verify_log
 import gripper_arm
 import numpy as np
 from plugin_sessions import install
@@ -23,6 +22,10 @@ from waiting import PATIENCE, wait_until
 import yaml
 
 from pfd_ros import read_log
+from pfd_ros.arm.events import LABELS as VERDICT_LABELS
+from pfd_ros.arm.settings import Settings
+from pfd_ros.recording.log import Log as RecordedLog
+from pfd_ros.replay.verify import verify as verify_log
 
 TEXT = (ROOT / 'docs' / 'guides' / 'alongside-a-controller.md').read_text(encoding='utf-8')
 NOTHING = (ROOT / 'docs' / 'reference' / 'topics.md').read_text(encoding='utf-8')

@@ -8,14 +8,16 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
-from bridge import BagMessage, PlayerJump, PlayerSchedule, PlayerSend, PlayerTick, PlayerWindow
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
+from pfd_ros.recording.bags import BagMessage
+from pfd_ros.replay.schedule import Jump, Schedule, Send, Tick, Window
+
 UNIT = 1 << 20
 STATES, MAP = '/states', '/map'
-Event = PlayerSend | PlayerTick | PlayerJump
+Event = Send | Tick | Jump
 
 
 def message(at: int, k: int, topic: str = STATES) -> BagMessage:
@@ -27,13 +29,13 @@ def log_of(times: Sequence[int]) -> list[BagMessage]:
     return [message(UNIT * at, k, MAP if k % 3 == 0 else STATES) for k, at in enumerate(times)]
 
 
-def schedule_of(messages: Sequence[BagMessage], **options: Any) -> PlayerSchedule:
+def schedule_of(messages: Sequence[BagMessage], **options: Any) -> Schedule:
     first, last = messages[0].log_ns, messages[-1].log_ns
-    window = PlayerWindow(first, first, last + 1)
-    return PlayerSchedule(lambda: iter(messages), {MAP: 2}, window, **options)
+    window = Window(first, first, last + 1)
+    return Schedule(lambda: iter(messages), {MAP: 2}, window, **options)
 
 
-def drain(schedule: PlayerSchedule, now: int) -> list[Event]:
+def drain(schedule: Schedule, now: int) -> list[Event]:
     found: list[Event] = []
     while (event := schedule.due(now)) is not None:
         found.append(event)
@@ -41,7 +43,7 @@ def drain(schedule: PlayerSchedule, now: int) -> list[Event]:
 
 
 def sends(events: Sequence[Event]) -> list[BagMessage]:
-    return [event.message for event in events if isinstance(event, PlayerSend)]
+    return [event.message for event in events if isinstance(event, Send)]
 
 
 @given(
@@ -67,7 +69,7 @@ def test_each_message_is_due_at_its_time_however_late_the_others_were(
         found += drain(schedule, now)
     assert sends(found) == messages
     for event in found:
-        assert isinstance(event, PlayerSend)
+        assert isinstance(event, Send)
         exact = start + Fraction(event.message.log_ns - messages[0].log_ns) / Fraction(rate)
         # Half a nanosecond, and the last bit of a float.
         assert event.due_ns is not None
@@ -79,14 +81,14 @@ def test_after_a_stall_the_clock_is_not_ahead_of_the_messages_that_are_late() ->
     schedule = schedule_of(messages, tick_ns=UNIT)
     drain(schedule, 0)
     events = drain(schedule, 50 * UNIT)
-    assert events[0] == PlayerTick(messages[1].log_ns)
+    assert events[0] == Tick(messages[1].log_ns)
     assert sends(events) == messages[1:17]
     assert len(events) == 17
     # A player that is too slow for every message still publishes each time that it reaches.
     ticks = []
     for now in range(60, 160, 10):
         taken = [schedule.due(now * UNIT), schedule.due(now * UNIT)]
-        ticks += [event.log_ns for event in taken if isinstance(event, PlayerTick)]
+        ticks += [event.log_ns for event in taken if isinstance(event, Tick)]
     assert ticks == [message.log_ns for message in messages[17:27]]
 
 
@@ -117,7 +119,7 @@ def test_a_seek_sends_the_last_latched_messages_before_it_and_then_goes_on() -> 
     schedule.seek(5 * UNIT, 14 * UNIT)
     schedule.seek(5 * UNIT, 16 * UNIT)
     jump, *events = drain(schedule, 5 * UNIT)
-    assert jump == PlayerJump(UNIT, 16 * UNIT, None)
+    assert jump == Jump(UNIT, 16 * UNIT, None)
     assert sends(events) == [messages[12], messages[15], messages[16]]
     assert [event.due_ns for event in events] == [None, None, 5 * UNIT]
     # To the last message that was sent.
@@ -125,7 +127,7 @@ def test_a_seek_sends_the_last_latched_messages_before_it_and_then_goes_on() -> 
     assert sends(drain(schedule, 6 * UNIT)) == [messages[12], messages[15], messages[16]]
     schedule.seek(6 * UNIT, 4 * UNIT)
     jump, *events = drain(schedule, 6 * UNIT)
-    assert jump == PlayerJump(16 * UNIT, 4 * UNIT, None)
+    assert jump == Jump(16 * UNIT, 4 * UNIT, None)
     assert sends(events) == [messages[0], messages[3], messages[4]]
     assert sends(drain(schedule, 7 * UNIT)) == messages[5:6]
 
@@ -135,19 +137,19 @@ def test_a_loop_begins_again_at_its_time_and_while_paused_by_a_step() -> None:
     schedule = schedule_of(messages, loop=True)
     drain(schedule, 0)
     events = drain(schedule, 4 * UNIT)
-    assert PlayerJump(3 * UNIT + 1, 0, 1) in events
+    assert Jump(3 * UNIT + 1, 0, 1) in events
     assert sends(events) == [*messages[1:], messages[0]]
     drain(schedule, 7 * UNIT)
     schedule.pause(7 * UNIT)
     assert schedule.loops == 1
     events = [*schedule.step(8 * UNIT)]
-    assert [type(event) for event in events] == [PlayerJump, PlayerSend]
+    assert [type(event) for event in events] == [Jump, Send]
     assert sends(events) == messages[:1]
     assert (schedule.loops, schedule.ended) == (2, False)
 
 
 @pytest.mark.parametrize('seconds', [-1e-9, 3.1, 1e300, -1e300, float('inf'), float('nan')])
 def test_a_time_outside_of_the_log_is_refused(seconds: float) -> None:
-    window = PlayerWindow(10**9, 2 * 10**9, 4 * 10**9 + 1)
+    window = Window(10**9, 2 * 10**9, 4 * 10**9 + 1)
     with pytest.raises(ValueError, match='s is outside of the log, expected 0 to 3 s'):
         window.at(seconds)

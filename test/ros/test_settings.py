@@ -11,17 +11,6 @@ import re
 from typing import Any
 
 from arm_messages import change, made, verdict
-from bridge import (
-    ARM_EFFECT_FIELDS,
-    REMOVED_SETTINGS,
-    SETTING_ROWS,
-    Settings,
-    joint_settings,
-    load_arm_robot,
-    scene_of,
-    split_joints,
-    with_joint_numbers,
-)
 import gripper_arm
 from hypothesis import given
 from hypothesis import strategies as st
@@ -30,6 +19,13 @@ import pytest
 import yaml
 
 import pfd_core as pfd
+from pfd_ros.arm.description import load_robot as load_arm_robot
+from pfd_ros.arm.plant import scene_of
+from pfd_ros.arm.plant_settings import EFFECT_FIELDS as ARM_EFFECT_FIELDS
+from pfd_ros.arm.plant_settings import joint_settings
+from pfd_ros.arm.settings import FIELDS as SETTING_ROWS
+from pfd_ros.arm.settings import REMOVED as REMOVED_SETTINGS
+from pfd_ros.arm.settings import Settings, split_joints, with_joint_numbers
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config' / 'sim_arm.yaml'
 

@@ -18,7 +18,6 @@ import threading
 import time
 from typing import Any
 
-from bridge import ChildProcess, pfd_main
 import gripper_arm
 import numpy as np
 import pytest
@@ -28,6 +27,7 @@ from waiting import PATIENCE, wait_until
 
 import pfd_core as pfd
 from pfd_ros import read_log
+from pfd_ros.cli.main import main as pfd_main
 from pfd_ros.testing import (
     REASONS,
     ArmError,
@@ -38,6 +38,7 @@ from pfd_ros.testing import (
     RejectedError,
     Trajectory,
 )
+from pfd_ros.testing.process import ChildProcess
 
 # The stamp of the first state, s: zero is no time to ROS.
 START = 0.001

@@ -14,20 +14,17 @@ import subprocess
 import sys
 from typing import Any
 
-from bridge import (
-    DDS_PARTICIPANT_PORT,
-    DDS_PORT_BASE,
-    DDS_PORT_GAIN,
-    claimed_domain,
-    own_domain,
-    pfd_main,
-)
 import numpy as np
 from plugin_sessions import forked_session, session
 import pytest
 from ros_processes import ROOT
 
 from pfd_ros import read_log
+from pfd_ros.cli.main import main as pfd_main
+from pfd_ros.testing.domains import PARTICIPANT_PORT as DDS_PARTICIPANT_PORT
+from pfd_ros.testing.domains import PORT_BASE as DDS_PORT_BASE
+from pfd_ros.testing.domains import PORT_GAIN as DDS_PORT_GAIN
+from pfd_ros.testing.domains import claimed_domain, own_domain
 
 # Tests that fail, each with a recording and a page of its arms, and tests that leave nothing.
 TESTS = """
@@ -369,7 +366,7 @@ def test_a_claimed_domain_is_passed_over_and_free_again_after_its_process() -> N
             assert third not in (one, other, one % 101 + 1)
     # A process that is killed keeps no claim, whatever its temporary folder is.
     code = (
-        'import os; from bridge import own_domain; '
+        'import os; from pfd_ros.testing.domains import own_domain; '
         f'claim = own_domain(start={one - 1}); print(claim.__enter__(), flush=True); os._exit(1)'
     )
     env = {**os.environ, 'PYTHONPATH': os.pathsep.join([str(ROOT), str(ROOT / 'test')])}

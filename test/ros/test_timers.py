@@ -9,11 +9,11 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from bridge import pfd_main
 import numpy as np
 import pytest
 from tested_controllers import command_of, node_of, pd
 
+from pfd_ros.cli.main import main as pfd_main
 from pfd_ros.testing import ControllerProcess, LockstepArm, NoAnswerError, Trajectory
 
 pytestmark = pytest.mark.ros

@@ -7,11 +7,11 @@ from __future__ import annotations
 import math
 import time
 
-from bridge import overshoot, settling_time
 import numpy as np
 import pytest
 
 import pfd_core as pfd
+from pfd_ros.motion.metrics import overshoot, settling_time
 from pfd_ros.testing import Limits, LockstepArm, Trajectory
 
 # A wheel of 0.5 kg m^2 about a vertical axis: gravity has no torque, so PD control makes it the

@@ -24,27 +24,6 @@ import urllib.request
 import warnings
 
 from arm_messages import efforts, payload, placed, wrench
-import bridge
-from bridge import (
-    WRENCH_TYPE,
-    LinkPoses,
-    Meshes,
-    ShownLog,
-    Stage,
-    ViewLoad,
-    ViewPlayer,
-    draw,
-    encode_joints,
-    encode_numbers,
-    export_view,
-    frame_times,
-    named_model,
-    pfd_commands_of,
-    pfd_main,
-    pfd_parser,
-    view_address,
-    view_page,
-)
 from devtools import Page, needs_browser, opened, red
 from logs import JOINT_STATE, Row, write_mcap
 import numpy as np
@@ -74,6 +53,23 @@ from waiting import PATIENCE, wait_until
 
 import pfd_core as pfd
 from pfd_ros import read_log
+from pfd_ros.cli.main import commands_of as pfd_commands_of
+from pfd_ros.cli.main import main as pfd_main
+from pfd_ros.cli.main import parser as pfd_parser
+from pfd_ros.messages.joints import encode_joints
+from pfd_ros.messages.numbers import encode_numbers
+from pfd_ros.messages.types import WRENCH as WRENCH_TYPE
+from pfd_ros.view.arm import Stage
+from pfd_ros.view.forms import draw
+from pfd_ros.view.links import LinkPoses, named_model
+from pfd_ros.view.loads import Load as ViewLoad
+from pfd_ros.view.logged import ShownLog
+from pfd_ros.view.meshes import Meshes
+from pfd_ros.view.page import Player as ViewPlayer
+from pfd_ros.view.page import address as view_address
+from pfd_ros.view.page import export as export_view
+from pfd_ros.view.page import frame_times
+from pfd_ros.view.page import page as view_page
 
 
 def box_stl(edge: float) -> bytes:
@@ -334,10 +330,10 @@ def test_a_mesh_that_cannot_be_used_is_one_line_and_its_link_a_skeleton(
     }
     for name, data in files.items():
         (package / name).write_bytes(data)
-    monkeypatch.setattr(*bridge.target('MESHES_MOST_BYTES'), 1 << 14)
-    monkeypatch.setattr(*bridge.target('MESHES_MOST_PARTS'), 1000)
+    monkeypatch.setattr('pfd_ros.view.meshes.MOST_BYTES', 1 << 14)
+    monkeypatch.setattr('pfd_ros.view.meshes.MOST_PARTS', 1000)
     if uri == 'triangles.stl':
-        monkeypatch.setattr(*bridge.target('MESHES_MOST_TRIANGLES'), 3)
+        monkeypatch.setattr('pfd_ros.view.meshes.MOST_TRIANGLES', 3)
     text = urdf(mesh(uri.replace('SECRET', f'{tmp_path}/secret.stl')))
     if '\0' in uri:
         with pytest.raises(ValueError, match=reason):
@@ -355,20 +351,20 @@ def test_a_mesh_that_cannot_be_used_is_one_line_and_its_link_a_skeleton(
 @pytest.mark.parametrize(
     ('bound', 'value', 'reason'),
     [
-        ('MESHES_MOST_BYTES', 600, 'the meshes have more than 600 bytes'),
-        ('MESHES_MOST_PARTS', 4, 'the meshes have more than 4 parts'),
-        ('MESHES_MOST_TRIANGLES', 8, 'the meshes have more than 8 triangles'),
+        ('MOST_BYTES', 600, 'the meshes have more than 600 bytes'),
+        ('MOST_PARTS', 4, 'the meshes have more than 4 parts'),
+        ('MOST_TRIANGLES', 8, 'the meshes have more than 8 triangles'),
     ],
 )
 def test_meshes_have_bounds_together(
     bound: str, value: int, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    of_parts = bound == 'MESHES_MOST_PARTS'
+    of_parts = bound == 'MOST_PARTS'
     names = [f'{k}.{"dae" if of_parts else "stl"}' for k in range(4)]
     for name in names:
         # Of two parts each.
         (tmp_path / name).write_bytes(dae(1.0).encode() if of_parts else box_stl(0.5))
-    monkeypatch.setattr(*bridge.target(bound), value)
+    monkeypatch.setattr(f'pfd_ros.view.meshes.{bound}', value)
     drawing = drawn(urdf(*map(mesh, names)), tmp_path)
     assert drawing.problems[0].startswith('2 of 4 meshes are not read')
     assert drawing.problems[0].endswith(reason)
@@ -396,7 +392,7 @@ def test_a_malformed_visual_is_one_line_and_the_others_are_drawn(element: str) -
 
 
 def test_visuals_beyond_the_bound_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(*bridge.target('MOST_VISUALS'), 2)
+    monkeypatch.setattr('pfd_ros.view.forms.MOST_VISUALS', 2)
     drawing = drawn(urdf(*(3 * [visual('<sphere radius="0.25"/>')])))
     assert drawing.problems == ('only the first 2 of 3 visuals are drawn',)
     assert len(drawing.shapes) == 2
@@ -522,8 +518,10 @@ def test_a_running_arm_is_shown_by_joint_names_with_its_loads_and_invalid_number
     empty: Any,
 ) -> None:
     pytest.importorskip('rclpy')
+    from pfd_ros.view.live import Shown
+
     stage, lines, nodes = pendulum(empty), list[str](), Nodes(empty)
-    shown = bridge.LiveShown(stage, lines.append)
+    shown = Shown(stage, lines.append)
     node = nodes[f'/arm/link_{stage.poses.links.index("end")}']
     of = SimpleNamespace
     for names, position, q in (
@@ -667,7 +665,7 @@ def test_a_port_in_use_and_a_missing_extra_are_one_line_with_the_cure(
         other.listen()
         port = other.getsockname()[1]
         assert pfd_main(['view', 'run.mcap', '--port', str(port)]) == 1
-    monkeypatch.setattr(*bridge.target('VIEW_NEEDED'), ('viser_which_nobody_has',))
+    monkeypatch.setattr('pfd_ros.view.ports.NEEDED', ('viser_which_nobody_has',))
     assert pfd_main(['view', 'run.mcap']) == 1
     first, second = capsys.readouterr().err.splitlines()
     assert first == f'pfd view: port {port} is in use: --port 0 takes a free one'
@@ -934,9 +932,9 @@ def test_a_view_that_cannot_start_is_one_line_before_the_arm(
         raise AssertionError('the arm was started')
 
     monkeypatch.chdir(tmp_path)
-    for name in ('node_main', 'demo_ChildProcess'):
-        monkeypatch.setattr(*bridge.target(name), never)
-    monkeypatch.setattr(*bridge.target('VIEW_NEEDED'), ('viser_which_nobody_has',))
+    for name in ('pfd_ros.node.main.main', 'pfd_ros.demo.run.ChildProcess'):
+        monkeypatch.setattr(name, never)
+    monkeypatch.setattr('pfd_ros.view.ports.NEEDED', ('viser_which_nobody_has',))
     words = pfd_commands_of([command])[command], [command, '--view']
     given = pfd_parser({command: words[0]}).parse_args(words[1])
     given.ros_args, given.stop = [], None

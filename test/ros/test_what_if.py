@@ -21,18 +21,6 @@ from arm_messages import (
     tick,
     trajectory,
 )
-import bridge
-from bridge import (
-    LogError,
-    LogRecorder,
-    RecordedLog,
-    WhatIf,
-    encode_floats,
-    verify_log,
-    what_if,
-    what_if_json,
-    what_if_lines,
-)
 from logs import Row, joint_state, string, write_mcap
 import numpy as np
 import pytest
@@ -40,6 +28,14 @@ from recordings import Run, rewritten, simulate
 
 import pfd_core as pfd
 from pfd_ros import read_log
+from pfd_ros.messages.text_and_arrays import encode_floats
+from pfd_ros.recording.format import LogError
+from pfd_ros.recording.log import Log as RecordedLog
+from pfd_ros.recording.recorder import Recorder as LogRecorder
+from pfd_ros.replay.verify import verify as verify_log
+from pfd_ros.replay.what_if import WhatIf, what_if
+from pfd_ros.replay.what_if import as_json as what_if_json
+from pfd_ros.replay.what_if import lines as what_if_lines
 
 GOLDEN = Path(__file__).resolve().parents[1] / 'data' / 'golden_3_ur5.mcap'
 STATES, ARRAY = '/joint_states', '/sim_arm/commands'
@@ -516,7 +512,7 @@ def test_an_interruption_leaves_no_file_and_a_disk_that_hangs_what_is_written(
         what_if(swing, ['step_size=0.0001'], progress=stop)
     assert list(Path().iterdir()) == []
     monkeypatch.setattr(LogRecorder, 'waiting_share', 1.0)
-    monkeypatch.setattr(*bridge.target('WHAT_IF_DISK_SECONDS'), 0.05)
+    monkeypatch.setattr('pfd_ros.replay.what_if.DISK_SECONDS', 0.05)
     with pytest.raises(OSError, match=r'swing_what_if\.mcap stopped: the disk is too slow'):
         what_if(swing)
     assert not verify_log(Path('swing_what_if.mcap')).complete

@@ -11,14 +11,16 @@ import sys
 from typing import Any
 
 from arm_messages import named
-from bridge import FINDING_ASSERTIONS, FINDING_KINDS, SYMPTOM_KINDS
 import numpy as np
 import pytest
 from recordings import simulate
 from test_cli import command
 from test_page import DIAGNOSTICS, FAULTS, TIMES, UR5, states, write_bag
 
+from pfd_ros.motion.symptoms import KINDS as SYMPTOM_KINDS
+from pfd_ros.page.findings import KINDS as FINDING_KINDS
 from pfd_ros.testing import ArmError, LockstepArm, findings, recorded, replayed
+from pfd_ros.testing.written import ASSERTIONS as FINDING_ASSERTIONS
 
 ARM: dict[str, Any] = {'robot': 'planar2', 'gravity_compensation': True}
 LAW = """

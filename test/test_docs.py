@@ -46,7 +46,7 @@ NAMED = re.compile(r'\bdocs/[\w/-]+\.md\b')
 RUN = {
     ('README.md', 'sh'): 'test_docs.py',
     ('README.md', 'py'): 'test_testing_artifacts.py',
-    ('docs/install.md', 'sh'): 'test_site.py',
+    ('docs/install.md', 'sh'): 'test_ros_guides.py',
     ('docs/guides/testing-a-controller.md', 'py'): 'test_testing_artifacts.py',
 }
 # Guides of which one test runs every block.

@@ -228,16 +228,10 @@ FAULTS = {
     'configuring_fails': lambda: configure(fail),
     'configuring_lasts': lambda: configure(lambda: time.sleep(1.0)),
     'configuring_hangs': lambda: configure(hang_in_c, 1),
-    'first_start_fails': lambda: fail_first(
-        'pfd_ros.node.sim_arm.SimArm.start', "can't start new thread"
-    ),
-    'first_reading_fails': lambda: fail_first(
-        'pfd_ros.node.parameters.refuse_unknown', 'no parameters'
-    ),
+    'first_start_fails': lambda: fail_first('sim_arm.SimArm.start', "can't start new thread"),
+    'first_reading_fails': lambda: fail_first('parameters.refuse_unknown', 'no parameters'),
     'first_setter_fails': lambda: fail_first('parameters.setter', 'no setter'),
-    'first_introduction_fails': lambda: fail_first(
-        'pfd_ros.node.lifecycle.introduce', 'no introduction'
-    ),
+    'first_introduction_fails': lambda: fail_first('lifecycle.introduce', 'no introduction'),
     'preparing_lasts': prepare_slowly,
     'reporting_fails': lambda: put('pfd_ros.node.lifecycle.report_arm', fail),
     'requests_fail': lambda: put('pfd_ros.node.services.encode_request', fail),

@@ -36,7 +36,6 @@ HAS_ROS = importlib.util.find_spec('rclpy') is not None
 NODE = ('-m', 'pfd_ros.node.main')
 JOINTS = tuple(f'joint{i}' for i in range(1, 7))
 FAULTY = str(Path(__file__).with_name('faulty.py'))
-READER = str(Path(__file__).with_name('reader.py'))
 # Workers of one run have neighbouring process ids; each starts so many domains from the next one.
 APART = 13
 _numbers = itertools.count()
@@ -173,6 +172,13 @@ class Processes:
         self._claim.close()
 
 
+def qos(durability: str = 'transient_local', depth: int = 1) -> Any:
+    """Return a reliable quality of service."""
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+
+    return QoSProfile(depth=depth, durability=DurabilityPolicy[durability.upper()])
+
+
 class Peer:
     """Another node of the system, in this process."""
 
@@ -201,7 +207,7 @@ class Peer:
         self.executor.add_node(self.node)
         self.states: list[Any] = []
         self.clocks: list[Any] = []
-        self.order: list[str] = []
+        self._senders: dict[str, Any] = {}
         self.node.create_subscription(JointState, 'joint_states', self._on_state, 10)
         self.node.create_subscription(Clock, '/clock', self._on_clock, 10)
         self.named = self.node.create_publisher(JointState, 'joint_commands', 10)
@@ -249,6 +255,14 @@ class Peer:
         from std_msgs.msg import Float64MultiArray
 
         self.plain.publish(Float64MultiArray(data=list(effort)))
+
+    def send(self, topic: str, message: Any, durability: str = 'volatile') -> None:
+        """Publish a message once it has a subscriber."""
+        if topic not in self._senders:
+            offer = qos(durability)
+            self._senders[topic] = self.node.create_publisher(type(message), topic, offer)
+        self.wait(self._senders[topic].get_subscription_count)
+        self._senders[topic].publish(message)
 
     def close(self) -> None:
         self.executor.shutdown()
@@ -337,9 +351,7 @@ def description_publisher(
     peer: Peer, topic: str = 'robot_description', durability: str = 'transient_local'
 ) -> Callable[[str], None]:
     """Return a function that publishes a description of a robot."""
-    from rclpy.qos import DurabilityPolicy, QoSProfile
     from std_msgs.msg import String
 
-    profile = QoSProfile(depth=1, durability=DurabilityPolicy[durability.upper()])
-    publisher = peer.node.create_publisher(String, topic, profile)
+    publisher = peer.node.create_publisher(String, topic, qos(durability))
     return lambda text: publisher.publish(String(data=text))

@@ -164,12 +164,6 @@ def test_the_outputs_fulfil_the_equation_of_motion_with_a_wrench_on_the_tip() ->
         assert plain.values.any()
 
 
-def test_the_wrench_on_the_tip_is_told_wherever_there_may_be_one() -> None:
-    for external_wrench in (True, False):
-        produced, _ = made(external_wrench=external_wrench).step()
-        assert ('tip_wrench' in [m.role for m in produced]) == external_wrench
-
-
 @pytest.mark.parametrize('method', ['auto', 'pcrbm'])
 def test_a_payload_that_comes_while_the_arm_runs_is_in_the_model_from_the_next_cycle_on(
     method: str,

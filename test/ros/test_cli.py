@@ -17,9 +17,10 @@ import sys
 import sysconfig
 from typing import Any
 
+from arm_messages import efforts
 import numpy as np
 import pytest
-from recordings import busy, rewritten
+from recordings import busy, rewritten, simulate
 from ros_processes import Peer, Processes, environment
 from waiting import PATIENCE
 
@@ -33,6 +34,7 @@ from pfd_ros.cli.main import parser as pfd_parser
 from pfd_ros.cli.send import message_of
 from pfd_ros.cli.small import COMMANDS as SMALL_COMMANDS
 from pfd_ros.cli.terminal import progress_on
+from pfd_ros.testing.domains import claimed_domain
 
 CYCLES = 60
 
@@ -83,6 +85,8 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / 'cut.mcap').write_bytes(chunks.read_bytes()[: chunks.stat().st_size // 2])
     (folder / 'text.mcap').write_text('no log')
     (folder / 'empty.mcap').write_bytes(b'')
+    simulate(folder / 'still.mcap', 0)
+    simulate(folder / 'refused.mcap', 30, {3: [efforts(1.0)]})
     damaged = bytearray(chunks.read_bytes())
     damaged[len(damaged) // 2] ^= 1
     (folder / 'damaged.mcap').write_bytes(damaged)
@@ -171,24 +175,57 @@ LOGS: dict[str, tuple[int, str, str]] = {
     'view whole.mcap --export no/a.html': (1, '', r'^pfd view: no/a\.html: No such file'),
     'view whole.mcap --node /sim_arm --live': (1, '', r"of a log takes no \['--live', '--node'\]"),
     'view --export a.html': (1, '', r"takes no \['--export'\]|needs ROS 2"),
+    **{
+        f'report scene --out small.yaml --tolerance 1e-3 --trajectory {words}': (1, '', error)
+        for words, error in (
+            ('dance', "^pfd report: .*--trajectory.*'dance'"),
+            ('sine', '--trajectory.*--robot'),
+            ('whole.mcap --tolerance nan', 'tolerance'),
+            ('whole.mcap --window 0', 'window'),
+            ('whole.mcap --robot ur5', "(?=.*'elbow')(?=.*'ur5')"),
+            ('whole.mcap --robot nobody', "'nobody'"),
+            ('whole.mcap --scene nix.yaml', "'nix.yaml'"),
+            ('whole.mcap --out text.mcap', r'text\.mcap.*exists'),
+            ('refused.mcap', '(?=.*no torques)(?=.*30 steps)'),
+            ('text.mcap', r'text\.mcap'),
+            ('still.mcap', r'still\.mcap'),
+        )
+    },
+}
+# The same of commands that need ROS.
+WITH_ROS: dict[str, tuple[int, str, str]] = {
+    'replay empty.mcap --publish': (1, '', r'^pfd replay: .*is empty \(0 bytes\)'),
+    'replay text.mcap --publish': (1, '', '^pfd replay: .*is a text'),
+    'replay damaged.mcap --publish': (1, '', r'^pfd replay: .*damaged\.mcap is damaged'),
+    'replay whole.mcap --publish --topics /nix': (1, '', r"has no topic \['/nix'\]"),
+    'replay whole.mcap --publish --start-offset 9': (1, '', 'start offset 9 s'),
+    'demo --out out --seconds 0': (1, '', '^pfd demo: --seconds must be above 0, got 0.0'),
+    'demo --out out --seconds nan': (1, '', '^pfd demo: --seconds must be above 0, got nan'),
+    'demo --out out --seconds inf': (1, '', '^pfd demo: --seconds must be above 0, got inf'),
+    'demo --out out --robot r2d2': (1, '', "^pfd demo: unknown robot 'r2d2'"),
 }
 
 
-@pytest.mark.parametrize('words', LOGS)
+@pytest.mark.parametrize(
+    'words', [*LOGS, *(pytest.param(words, marks=pytest.mark.ros) for words in WITH_ROS)]
+)
 def test_a_command_says_what_it_read_and_its_status_is_true(
     words: str, logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    status, printed, error = LOGS[words]
+    status, printed, error = (LOGS | WITH_ROS)[words]
     for path in logs.iterdir():
         shutil.copy(path, tmp_path / path.name)
     monkeypatch.chdir(tmp_path)
-    found = command(*words.split())
+    before = {*tmp_path.iterdir()}
+    with claimed_domain():
+        found = command(*words.split())
     assert found[0] == status, found
     assert re.search(printed, found[1]), found
     assert bool(found[2]) == bool(error), found
     if error:
         (line,) = found[2].splitlines()
         assert re.search(error, line), found
+        assert printed or {*tmp_path.iterdir()} == before
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,6 @@ from waiting import PATIENCE
 
 import pfd_core as pfd
 from pfd_ros import read_log
-from pfd_ros.cli.main import main as pfd_main
 from pfd_ros.demo import run, scenario
 from pfd_ros.messages.joints import decode_joints
 from pfd_ros.replay.verify import verify as verify_log
@@ -76,27 +75,6 @@ def test_the_disturbances_are_visible_and_the_controller_rejects_them(name: str)
     before, after = off[: round(push * cycles)], off[round(push * cycles) :]
     assert VISIBLE < before.max() < LIMIT
     assert VISIBLE < after.max() < LIMIT
-
-
-@pytest.mark.parametrize(
-    ('words', 'error'),
-    [
-        (('--seconds', '0'), '--seconds must be above 0, got 0.0'),
-        (('--seconds', 'nan'), '--seconds must be above 0, got nan'),
-        (('--seconds', 'inf'), '--seconds must be above 0, got inf'),
-        (('--robot', 'r2d2'), "unknown robot 'r2d2'"),
-    ],
-)
-@pytest.mark.ros
-def test_wrong_options_are_one_line_before_anything_starts(
-    words: tuple[str, ...], error: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert pfd_main(['demo', '--out', str(tmp_path / 'out'), *words]) == 1
-    printed = capsys.readouterr()
-    assert printed.out == ''
-    assert printed.err.startswith(f'pfd demo: {error}')
-    assert printed.err.count('\n') == 1
-    assert not (tmp_path / 'out').exists()
 
 
 @pytest.mark.parametrize(

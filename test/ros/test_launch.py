@@ -62,11 +62,6 @@ def nodes(path: Path, kinds: dict[str, type[Recorded]], urdf: Path) -> list[dict
     return [node.named for node in found]
 
 
-def test_there_are_three_launch_files() -> None:
-    names = [path.name.partition('.')[0] for path in FILES]
-    assert names == ['sim_arm', 'two_arms', 'with_state_publisher']
-
-
 @pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
 def test_a_launch_file_starts_arms_with_parameters_that_they_have(
     path: Path, recorder: dict[str, type[Recorded]], tmp_path: Path

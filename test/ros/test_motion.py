@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pfd_ros.motion.metrics import overshoot, settling_time
 from pfd_ros.motion.symptoms import diagnosis as joint_diagnosis
 from pfd_ros.motion.symptoms import oscillation, text_of
 
@@ -34,25 +33,6 @@ def diagnosis(
     limits = [('position', q, -math.inf, math.inf), ('effort', tau, -full, full)]
     given = {'target': target, 'limits': limits, 'period': STEP, **more}
     return text_of(joint_diagnosis(TIME, q, qd, tau, **given))
-
-
-def test_the_settling_time_is_that_after_which_an_exponential_stays_near_its_target() -> None:
-    q = 1.0 - np.exp(-5.0 * TIME)
-    found = settling_time(TIME, q, 1.0, 0.02)
-    assert found == pytest.approx(-math.log(0.02) / 5.0 - TIME[0], abs=STEP)
-    assert settling_time(TIME, q, 1.0, 1e-9) == math.inf
-
-
-def test_the_overshoot_of_a_second_order_step_is_that_of_its_damping() -> None:
-    damping, rate = 0.4, 12.0
-    fast = rate * math.sqrt(1 - damping**2)
-    t = TIME - TIME[0]
-    q = 1.0 - np.exp(-damping * rate * t) * (
-        np.cos(fast * t) + damping * rate / fast * np.sin(fast * t)
-    )
-    wanted = math.exp(-math.pi * damping / math.sqrt(1 - damping**2))
-    assert overshoot(q, 1.0) == pytest.approx(wanted, abs=(fast * STEP) ** 2)
-    assert math.isnan(overshoot(q, float(q[0])))
 
 
 @pytest.mark.parametrize(('frequency', 'growth'), [(3.0, -1.5), (12.5, 0.0), (44.0, 2.0)])

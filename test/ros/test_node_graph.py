@@ -6,12 +6,11 @@ from __future__ import annotations
 
 import signal
 import time
-from typing import Any
 
 import gripper_arm
 import numpy as np
 import pytest
-from ros_processes import JOINTS, Process, Processes, description_publisher
+from ros_processes import JOINTS, Process, Processes, description_publisher, qos
 
 import pfd_core as pfd
 from pfd_ros.recording.log import Log as RecordedLog
@@ -31,12 +30,6 @@ def reporting_often(processes: Processes, *ros_args: str) -> Process:
 def wait_for_reports(arm: Process) -> None:
     time.sleep(ROUNDS_SECONDS)
     assert arm.process.poll() is None
-
-
-def latched() -> Any:
-    from rclpy.qos import DurabilityPolicy, QoSProfile
-
-    return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def test_topics_types_and_the_order_of_joints_are_logged_and_once_that_nobody_commands(
@@ -118,7 +111,7 @@ def test_nodes_that_disturb_the_arm_or_cannot_be_heard_are_named_once(
     twin = rclpy.create_node('sim_arm', context=peer.context, start_parameter_services=False)
     twin.create_publisher(JointState, 'joint_states', 10)
     for node in (peer.node, unnamed):
-        node.create_subscription(JointState, 'joint_states', lambda state: None, latched())
+        node.create_subscription(JointState, 'joint_states', lambda state: None, qos())
     lines = (
         "node '/other/peer' publishes 'std_msgs/msg/Float64MultiArray' on /joint_commands, which "
         'has the type sensor_msgs/msg/JointState: no messages received; use /sim_arm/commands for '
@@ -307,7 +300,7 @@ def test_remappings_and_parameters_count_before_the_ros2_control(
         assert text in arm.text()
     peer = peer_of(processes)
     texts: list[String] = []
-    peer.node.create_subscription(String, 'robot_description', texts.append, latched())
+    peer.node.create_subscription(String, 'robot_description', texts.append, qos())
     efforts = peer.node.create_publisher(Float64MultiArray, '/effort_controllers/commands', 10)
     peer.wait(lambda: peer.states and texts and efforts.get_subscription_count())
     assert texts[0].data == gripper_arm.urdf()

@@ -7,17 +7,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from importlib import import_module
-import random
 import signal
 from typing import Any
 
-import gripper_arm
 import numpy as np
 import pytest
 from ros_processes import (
     JOINTS,
     MILLISECOND,
-    READER,
     Processes,
     Running,
     running,
@@ -69,22 +66,18 @@ def test_a_torque_goes_in_and_a_moving_arm_comes_out(arm: Running) -> None:
     assert ticks == sorted(ticks)
 
 
-# Label, names, efforts, and other fields, of messages that change nothing.
+# Label, names, efforts, and other fields, of messages that change nothing; test_arm_rules has all.
 REJECTED: list[tuple[str, list[str], list[float], dict[str, Any]]] = [
-    ('no_effort', list(JOINTS), [], {'position': ONE}),
-    ('no_effort', list(JOINTS), [], {'velocity': ONE, 'position': ONE}),
-    ('no_names', [], ONE, {}),
     ('ragged', list(JOINTS), [1.0] * 5, {}),
-    ('ragged', list(JOINTS), ONE, {'position': [0.0]}),
-    ('infinite', list(JOINTS), [INF] + [0.0] * 5, {}),
+    ('no_effort', list(JOINTS), [], {'velocity': ONE, 'position': ONE}),
     ('stale', list(JOINTS), ONE, {'stamp': 99}),
-    ('duplicate_names', ['joint1', 'joint1'], [1.0, 2.0], {}),
-    *(('unknown_names', [name], [1.0], {}) for name in ('joint7', '{', '{0}', '%s%n', 'a\nb')),
-    ('unknown_names', ['x' * 10_000], [1.0], {}),
+    *(('unknown_names', [name], [1.0], {}) for name in ('{0}', '%s%n', 'a\nb', 'x' * 10_000)),
 ]
 
 
-def test_every_kind_of_command_is_answered_as_the_rules_say(arm: Running) -> None:
+def test_commands_are_taken_or_rejected_with_a_reason_on_a_topic_and_in_the_log(
+    arm: Running,
+) -> None:
     from std_msgs.msg import String
 
     peer, heard = arm.peer, list[str]()
@@ -102,22 +95,13 @@ def test_every_kind_of_command_is_answered_as_the_rules_say(arm: Running) -> Non
     # All NaN is no command, and no rejection.
     peer.command(JOINTS, [NAN] * 6)
     peer.let_pass(10)
-    for label, effort in (
-        ('wrong_size', [1.0] * 7),
-        ('wrong_size', [0.0] * 1000),
-        ('not_finite', [1.0, NAN, 1.0, 1.0, 1.0, 1.0]),
-    ):
-        peer.plain_command(effort)
-        wanted['commands', label] += 1
-        peer.let_pass(10)
+    peer.plain_command([0.0] * 1000)
     peer.command(['x' * 1_000_000], [0.0])
-    wanted['joint_commands', 'malformed'] += 1
+    wanted |= Counter({('commands', 'wrong_size'): 1, ('joint_commands', 'malformed'): 1})
     peer.wait(lambda: len(heard) == sum(wanted.values()))
     assert Counter(tuple(text.split('\n')[0].split()) for text in heard) == wanted
     assert peer.states[-1].effort.tolist() == [2.0] * 6
-    peer.command(['joint3', 'joint7', 'joint1'], [3.0, 7.0, 1.0])
-    peer.wait(lambda: peer.states[-1].effort.tolist() == [1.0, 2.0, 3.0, 2.0, 2.0, 2.0])
-    peer.command(['joint1', 'joint3', 'joint2'], [NAN, 4.0, NAN], stamp=100)
+    peer.command(['joint1', 'joint7', 'joint3', 'joint2'], [1.0, 7.0, 4.0, NAN], stamp=100)
     peer.wait(lambda: peer.states[-1].effort.tolist() == [1.0, 2.0, 4.0, 2.0, 2.0, 2.0])
     peer.plain_command([0.6, 0.5, 0.4, 0.3, 0.2, 0.1])
     peer.wait(lambda: peer.states[-1].effort.tolist() == [0.6, 0.5, 0.4, 0.3, 0.2, 0.1])
@@ -134,14 +118,13 @@ def test_a_trajectory_of_efforts_moves_the_arm_from_point_to_point(arm: Running)
     from builtin_interfaces.msg import Duration
     from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-    peer, topic = arm.peer, '/sim_arm/joint_trajectory'
-    publisher = peer.node.create_publisher(JointTrajectory, topic, 1)
-    peer.wait(publisher.get_subscription_count)
+    peer = arm.peer
     points = [
         JointTrajectoryPoint(effort=[effort] * 6, time_from_start=Duration(nanosec=at * 10**8))
         for at, effort in ((1, 1.0), (3, 0.25))
     ]
-    publisher.publish(JointTrajectory(joint_names=list(JOINTS), points=points))
+    plan = JointTrajectory(joint_names=list(JOINTS), points=points)
+    peer.send('/sim_arm/joint_trajectory', plan)
     peer.wait(lambda: peer.states[-1].effort.tolist() == [0.25] * 6)
     efforts = np.array([state.effort[0] for state in peer.states])
     assert ((efforts > 0.3) & (efforts < 0.95)).any()
@@ -157,53 +140,17 @@ def test_a_joint_without_a_command_is_braked_and_a_reset_brakes_all(arm: Running
     assert [bool(v) for v in peer.states[-1].velocity] == [k == 2 for k in range(6)]
 
 
-def test_bytes_of_any_kind_on_any_topic_do_not_stop_the_arm(arm: Running) -> None:
-    from rclpy.qos import DurabilityPolicy, QoSProfile
-
-    peer, ends = arm.peer, []
-    for role in ('joint_commands', 'commands', 'set_state', 'external_wrench', 'payload'):
-        package, _, kind = ARM_ROLES[role].type.split('/')
-        topic = ARM_ROLES[role].topic.replace('~', '/sim_arm')
-        latched = ARM_ROLES[role].latched
-        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
-        profile = QoSProfile(depth=10, durability=durability)
-        ends.append(peer.node.create_publisher(kind_of(package, kind), topic, profile))
-    peer.wait(lambda: all(end.get_subscription_count() for end in ends))
-    chance = random.Random(7)
-    for k in range(300):
-        # A header of plain CDR, and bytes of which many are lengths that no message has.
-        data = bytes(chance.choices((0, 1, 255, chance.randrange(256)), k=chance.randrange(200)))
-        ends[k % len(ends)].publish(b'\0\1\0\0' + data + bytes(-len(data) % 4))
-        peer.executor.spin_once(timeout_sec=0.01)
-    for end in ends:
-        peer.node.destroy_publisher(end)
-    arm.process.wait_for_text('rejected: malformed (')
-    peer.let_pass(10)
-    assert 'Traceback' not in arm.process.text()
-
-
 def kind_of(package: str, name: str) -> Any:
     return getattr(import_module(f'{package}.msg'), name)
 
 
-def test_an_arm_that_runs_away_takes_no_state_of_one_joint_and_a_reset_restarts_it(
+def test_a_simulation_that_overflows_is_logged_and_ends_the_node_with_status_1(
     processes: Processes, peer_of
 ) -> None:
-    from sensor_msgs.msg import JointState
-
-    settings = ('lockstep:=true', 'wait_for_controller:=true', 'effort_limits:=false')
-    settings = (*settings, 'substeps:=1', 'recording:=arm.mcap')
+    settings = ('effort_limits:=false', 'recording:=arm.mcap')
     arm = processes.faulty('reports_often', *(p for one in settings for p in ('-p', one)))
     peer = peer_of(processes)
-    peer.wait(peer.named.get_subscription_count)
-    peer.command(JOINTS, [1e40] * 6)
-    peer.wait(lambda: peer.states and abs(peer.states[-1].position[0]) > 1e10)
-    jumps = peer.node.create_publisher(JointState, '/sim_arm/set_state', 1)
-    peer.wait(jumps.get_subscription_count)
-    jumps.publish(JointState(name=['joint4'], position=[0.0]))
-    arm.wait_for_text('messages on /sim_arm/set_state rejected: refused (')
-    assert trigger(peer, 'reset').success
-    peer.wait(lambda: not any(peer.states[-1].position))
+    peer.connect()
     # A state that overflows: the last finite one is sent on.
     peer.command(JOINTS, [1e300] * 6)
     arm.wait_for_text('simulation stopped')
@@ -216,13 +163,23 @@ def test_an_arm_that_runs_away_takes_no_state_of_one_joint_and_a_reset_restarts_
     assert verify_log(processes.folder / 'arm.mcap').complete
 
 
+READER = """
+import rclpy
+from sensor_msgs.msg import JointState
+rclpy.init()
+node = rclpy.create_node('reader')
+node.create_subscription(JointState, 'joint_states', lambda _: print('heard', flush=True), 10)
+rclpy.spin(node)
+"""
+
+
 @pytest.mark.slow
 @pytest.mark.long
 def test_a_stopped_reliable_reader_stops_neither_the_arm_nor_its_states(
     processes: Processes, peer_of
 ) -> None:
     arm = processes.arm('-p', 'real_time_factor:=100.0', '-p', 'step_size:=0.01')
-    reader = processes.python(READER)
+    reader = processes.python('-c', READER)
     reader.wait_for_text('heard')
     reader.process.send_signal(signal.SIGSTOP)
     peer = peer_of(processes)
@@ -305,32 +262,3 @@ def test_readers_get_every_output_and_the_recording_verifies(
     found = verify_log(processes.folder / 'arm.mcap')
     assert found.complete
     assert found.compared['joint_states'] < found.compared['true_states']
-
-
-@pytest.mark.slow
-def test_topics_of_a_urdf_follow_the_namespace_unless_they_are_absolute(
-    processes: Processes, peer_of
-) -> None:
-    text = gripper_arm.urdf(joint_commands_topic='commands', joint_states_topic='/shared/states')
-    (processes.folder / 'arm.urdf').write_text(text)
-    override = 'qos_overrides./right/commands.subscription.reliability:=best_effort'
-    args = ('-p', 'robot:=arm.urdf', '-p', 'locked:=[finger]')
-    left = processes.faulty('reports_often', *args, '-r', '__ns:=/left', ready=False)
-    right = processes.faulty(
-        'reports_often',
-        *(*args, '-r', '__ns:=/right', '-p', 'publish_clock:=false', '-p', override),
-    )
-    left.wait_for_text('until its first command')
-    assert 'subscribed to /left/commands (' in left.text()
-    assert 'subscribed to /right/commands (' in right.text()
-    # A mistake: one absolute topic for the states of both.
-    right.wait_for_text(
-        "node '/left/sim_arm' publishes /shared/states too: subscribers receive both"
-    )
-    peer = peer_of(processes, 'right')
-    for side, reliability in (('left', 'RELIABLE'), ('right', 'BEST_EFFORT')):
-        topic = f'/{side}/commands'
-        peer.wait(lambda topic=topic: peer.node.get_subscriptions_info_by_topic(topic))
-        (info,) = peer.node.get_subscriptions_info_by_topic(topic)
-        assert info.qos_profile.reliability.name == reliability
-    assert left.end(signal.SIGINT) == right.end(signal.SIGINT) == 0

@@ -28,7 +28,7 @@ from logs import (
 )
 import pytest
 from recordings import busy
-from ros_processes import Peer, Process, Processes, call
+from ros_processes import Peer, Process, Processes, call, qos
 
 from pfd_ros.arm.events import ROLES as ARM_ROLES
 from pfd_ros.cli.main import main as pfd_main
@@ -212,17 +212,15 @@ class Listener:
     """Raw subscriptions of a peer, and their messages in the order in which they came."""
 
     def __init__(self, peer: Peer, *topics: tuple[str, str], latched: bool = False) -> None:
-        from rclpy.qos import DurabilityPolicy, QoSProfile
-
         self.peer = peer
         self.messages: list[tuple[str, bytes]] = []
-        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+        durability = 'transient_local' if latched else 'volatile'
         self.ends = [
             peer.node.create_subscription(
                 getattr(import_module(f'{kind.split("/")[0]}.msg'), kind.split('/')[2]),
                 topic,
                 lambda data, topic=topic: self.messages.append((topic, bytes(data))),
-                QoSProfile(depth=10_000, durability=durability),
+                qos(durability, 10_000),
                 raw=True,
             )
             for topic, kind in topics
@@ -471,32 +469,17 @@ def test_an_error_of_the_player_itself_is_a_traceback_and_not_called_ros(
 
 
 @pytest.mark.parametrize(
-    ('name', 'options', 'line'),
+    ('options', 'line'),
     [
-        ('empty.mcap', (), 'is empty (0 bytes)'),
-        ('text.mcap', (), 'is a text'),
-        ('damaged.mcap', (), 'damaged.mcap is damaged'),
-        ('words.mcap', ('--topics', '/nix'), "has no topic ['/nix']"),
-        ('words.mcap', ('--start-offset', '9'), 'start offset 9 s'),
-        ('words.mcap', ('--remap', '/words:=/a b'), '--remap /words: Invalid topic name'),
-        ('words.mcap', ('--loop', '--duration', '1e-6'), 'a loop over 1e-06 s'),
+        (('--remap', '/words:=/a b'), '--remap /words: Invalid topic name'),
+        (('--loop', '--duration', '1e-6'), 'a loop over 1e-06 s'),
     ],
 )
-def test_a_log_that_cannot_be_published_is_one_line_and_status_1(
-    tmp_path: Path,
-    name: str,
-    options: tuple[str, ...],
-    line: str,
-    capfd: pytest.CaptureFixture[str],
+def test_options_that_cannot_be_are_one_line_and_status_1(
+    tmp_path: Path, options: tuple[str, ...], line: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    whole = write_words(tmp_path / 'words.mcap', 3, maps=())
-    damaged = bytearray(whole.read_bytes())
-    damaged[len(damaged) // 4] ^= 1
-    (tmp_path / 'empty.mcap').write_bytes(b'')
-    (tmp_path / 'text.mcap').write_bytes(b'certainly no log')
-    (tmp_path / 'damaged.mcap').write_bytes(damaged)
+    log = write_words(tmp_path / 'words.mcap', 3)
     with claimed_domain():
-        assert pfd_main(['replay', str(tmp_path / name), '--publish', *options]) == 1
+        assert pfd_main(['replay', str(log), '--publish', *options]) == 1
     (error,) = capfd.readouterr().err.splitlines()
-    assert error.startswith('pfd replay: ')
-    assert line in error
+    assert error.startswith(f'pfd replay: {line}')

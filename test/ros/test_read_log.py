@@ -507,20 +507,6 @@ def test_a_recording_of_ours_has_cycles_times_settings_and_its_robot(tmp_path: P
     assert wall.log_time[0] > 1.7e9
 
 
-def test_a_recording_that_is_cut_anywhere_is_read_up_to_the_cut(tmp_path: Path) -> None:
-    busy(tmp_path / 'a.mcap')
-    data, cut = (tmp_path / 'a.mcap').read_bytes(), tmp_path / 'cut.mcap'
-    counts = []
-    for size in range(9, len(data), len(data) // 20):
-        cut.write_bytes(data[:size])
-        log = read_log(cut)
-        assert not log.complete
-        assert not log_facts(cut)['complete']
-        counts.append(len(log.received_ns.get(STATES, ())))
-    assert counts == sorted(counts)
-    assert (counts[0], counts[-1]) == (0, 60)
-
-
 def test_logs_of_real_arms_are_read_as_sqlite_and_rosbags_have_them(real_arms: Path) -> None:
     bags = [path.parent for path in real_arms.glob('*/metadata.yaml')]
     assert bags

@@ -10,7 +10,6 @@ import itertools
 import json
 import os
 from pathlib import Path
-import random
 import signal
 import subprocess
 import sys
@@ -167,14 +166,6 @@ def test_topics_are_those_of_the_node_without_ros() -> None:
 # What cannot be opened.
 
 
-def test_an_existing_file_is_not_touched(tmp_path: Path) -> None:
-    path = tmp_path / 'run.mcap'
-    path.write_bytes(b'mine')
-    with pytest.raises(FileExistsError, match='not overwritten'):
-        Run(path)
-    assert path.read_bytes() == b'mine'
-
-
 def test_a_file_without_room_for_its_head_is_removed(tmp_path: Path) -> None:
     path = tmp_path / 'run.mcap'
     with largest_file(1000), pytest.raises(OSError, match='too large'):
@@ -243,22 +234,6 @@ def test_a_file_that_another_program_takes_ends_the_recording(
         assert verify_log(f'{path}.old').cycles >= 1
     if fault == 'replaced':
         assert path.read_bytes() == b'mine'
-
-
-def test_a_full_disk_ends_the_recording_and_the_file_verifies(tmp_path: Path) -> None:
-    path = tmp_path / 'run.mcap'
-    rng = random.Random(0)
-    run = Run(path)
-    run.step()
-    flushed(run, path)
-    with largest_file(path.stat().st_size + 5000):
-        wait_until(lambda: run.step(efforts(rng.random(), 1.0)) or run.recorder.error)
-    check_ended(run, 'File too large; the part written so far is readable')
-    found = verify_log(path)
-    assert not found.complete
-    assert found.cycles >= 1
-    # What an end of the disk cuts off is left out.
-    assert recover_log(path, tmp_path / 'whole.mcap').messages == found.compared.total()
 
 
 def hanging(monkeypatch: pytest.MonkeyPatch) -> threading.Event:

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Commands and files of two guides work as printed: alongside a controller, first ten minutes."""
+"""Two guides work as printed, and the site builds: it opens and searches without network."""
 
 from __future__ import annotations
 
@@ -8,10 +8,13 @@ import os
 from pathlib import Path
 import re
 import shlex
+import shutil
 import subprocess
 import sys
+from urllib.parse import urlsplit
 from xml.etree import ElementTree
 
+from devtools import needs_browser, opened
 import gripper_arm
 import numpy as np
 from plugin_sessions import install
@@ -21,6 +24,7 @@ from ros_processes import ROOT, Process, Processes, description_publisher, envir
 from waiting import PATIENCE, wait_until
 import yaml
 
+import pfd_core as pfd
 from pfd_ros import read_log
 from pfd_ros.arm.events import LABELS as VERDICT_LABELS
 from pfd_ros.arm.settings import Settings
@@ -99,11 +103,6 @@ def test_lines_of_the_log_in_the_guide_are_logged_by_the_node() -> None:
             assert "'too: " in source
         else:
             assert line in source, line
-
-
-def test_settings_of_the_guide_are_settings_of_the_node() -> None:
-    names = {field for line in COMMANDS for field in re.findall(r'-p (\w+):=', line)}
-    assert names <= set(Settings.__dataclass_fields__)
 
 
 @pytest.mark.slow
@@ -219,17 +218,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_the_guide_has_these_files_and_one_installation() -> None:
-    assert list(FILES) == ['arm.urdf', 'law.py', 'test_law.py', 'node.py']
-    assert [name for name, _ in MINUTES_COMMANDS if name] == [
-        'setup',
-        'fails',
-        'terminal 1',
-        'terminal 2',
-    ]
-    assert len(MINUTES_BLOCKS) == MINUTES.count('```') // 2
-
-
 def test_the_controller_passes_its_test_and_fails_with_an_unknown_load(
     folder: Path, sim_arm
 ) -> None:
@@ -301,3 +289,72 @@ def wait_for_commands(recording: Path) -> None:
         return '/joint_commands' in log and len(log['/joint_commands']) >= 100
 
     wait_until(recorded, pause=0.5)
+
+
+# The site.
+
+# A separate network, in which not even the loopback is up.
+ALONE = (shutil.which('unshare') or 'false', '--net')
+
+
+@pytest.fixture(scope='module')
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the site, built by the command of the page about the installation."""
+    page = (ROOT / 'docs' / 'install.md').read_text(encoding='utf-8')
+    (command,) = re.findall(r'&& (sphinx-build .*)$', page, re.MULTILINE)
+    _, *options, source, name = shlex.split(command)
+    assert '-W' in options
+    folder = tmp_path_factory.mktemp('built') / name
+    alone = ALONE if not subprocess.run([*ALONE, 'true'], check=False).returncode else ()
+    done = subprocess.run(
+        [*alone, sys.executable, '-m', 'sphinx', '-q', *options, source, str(folder)],
+        cwd=ROOT,
+        env={**os.environ, 'PYTHONDONTWRITEBYTECODE': '1'},
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+@pytest.mark.ros
+def test_every_page_has_its_page_and_nothing_is_loaded_from_elsewhere(built: Path) -> None:
+    for page in (ROOT / 'docs').rglob('*.md'):
+        assert (built / page.relative_to(ROOT / 'docs')).with_suffix('.html').exists(), page
+    pages = list(built.rglob('*.html'))
+    loading = re.compile(r'<(?:script|img|link|iframe)\b[^>]*?\b(?:src|href)="([^"]*)"')
+    for page in pages:
+        for target in loading.findall(page.read_text(encoding='utf-8')):
+            assert not urlsplit(target).scheme, (page, target)
+    for style in built.rglob('*.css'):
+        found = re.findall(r'url\(["\']?(\w+:|//)', style.read_text(encoding='utf-8'))
+        assert set(found) <= {'data:'}, style
+
+
+@pytest.mark.ros
+def test_the_reference_has_all_public_names(built: Path) -> None:
+    page = (built / 'reference' / 'pfd_core.html').read_text(encoding='utf-8')
+    for name in set(pfd.__all__) - {'__version__'}:
+        # A separate object, or a row of the table of constants.
+        assert f'id="pfd_core.{name}"' in page or f'>{name}</span>' in page, name
+
+
+@pytest.mark.ros
+@needs_browser
+def test_home_and_search_open_from_the_disk_without_errors(built: Path, tmp_path: Path) -> None:
+    with opened((built / 'index.html').as_uri(), tmp_path) as page:
+
+        def text() -> str:
+            return str(page.value('document.body.innerText'))
+
+        wait_until(lambda: 'Test torque controllers without a robot' in text(), text)
+        search = (built / 'search.html').as_uri()
+        page.call('Page.navigate', url=f'{search}?q=payload')
+        links = "JSON.stringify([...document.querySelectorAll('.search li a')].map((a) => a.href))"
+        wait_until(lambda: 'reference/quantities' in str(page.value(links)), text)
+        wait_until(lambda: 'reference/pfd_core' in str(page.value(links)), text)
+        page.call('Page.navigate', url=f'{search}?q=zygomorphic')
+        wait_until(lambda: 'did not match any documents' in text(), text)
+        assert page.console == []

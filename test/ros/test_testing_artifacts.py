@@ -17,14 +17,18 @@ from typing import Any
 import numpy as np
 from plugin_sessions import forked_session, session
 import pytest
-from ros_processes import ROOT
+from ros_processes import ROOT, Processes
+from waiting import wait_until
 
 from pfd_ros import read_log
 from pfd_ros.cli.main import main as pfd_main
+from pfd_ros.testing import ControllerProcess
+from pfd_ros.testing.domains import LOOPBACK as DDS_LOOPBACK
 from pfd_ros.testing.domains import PARTICIPANT_PORT as DDS_PARTICIPANT_PORT
 from pfd_ros.testing.domains import PORT_BASE as DDS_PORT_BASE
 from pfd_ros.testing.domains import PORT_GAIN as DDS_PORT_GAIN
 from pfd_ros.testing.domains import claimed_domain, own_domain
+from pfd_ros.testing.domains import environment_to_kill as domain_environment_to_kill
 
 # Tests that fail, each with a recording and a page of its arms, and tests that leave nothing.
 TESTS = """
@@ -394,6 +398,67 @@ def test_a_domain_in_which_a_participant_runs_is_passed_over() -> None:
         participant.bind(('', DDS_PORT_BASE + DDS_PORT_GAIN * first + DDS_PARTICIPANT_PORT))
         with own_domain(start=first - 1) as found:
             assert found != first
+
+
+# Processes that may be killed share no memory.
+
+
+def shared() -> set[str]:
+    """Return the files of Fast DDS's shared memory that this process has mapped."""
+    lines = Path('/proc/self/maps').read_text(encoding='utf-8').splitlines()
+    return {line.split()[-1] for line in lines if '/dev/shm/fast' in line}
+
+
+@pytest.mark.ros
+def test_a_peer_shares_no_memory_with_a_process_that_may_be_killed(
+    processes: Processes, peer_of
+) -> None:
+    before = shared()
+    processes.arm('-p', 'robot:=planar2')
+    peer_of(processes).connect()
+    assert shared() <= before
+
+
+CONTROLLER = """
+from pathlib import Path
+import rclpy
+rclpy.init()
+rclpy.create_node('controller')
+print('shares memory:', '/dev/shm/fast' in Path('/proc/self/maps').read_text())
+"""
+
+
+@pytest.mark.ros
+def test_a_controller_process_that_may_be_killed_shares_no_memory() -> None:
+    with claimed_domain(), ControllerProcess([sys.executable, '-c', CONTROLLER]) as controller:
+        wait_until(controller.end, controller.text, pause=0.05)
+        assert controller.end() == 'ended with status 0', controller.text()
+        assert 'shares memory: False' in controller.text()
+
+
+HERE = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'PATH': '/bin'}
+
+
+@pytest.mark.parametrize('rmw', [{}, {'RMW_IMPLEMENTATION': 'rmw_fastrtps_cpp'}])
+def test_a_process_to_kill_gets_the_profile_and_keeps_its_other_variables(
+    rmw: dict[str, str],
+) -> None:
+    assert domain_environment_to_kill(HERE | rmw) == HERE | rmw | DDS_LOOPBACK
+    assert Path(DDS_LOOPBACK['FASTRTPS_DEFAULT_PROFILES_FILE']).is_file()
+
+
+@pytest.mark.parametrize(
+    'chosen',
+    [
+        {'FASTDDS_DEFAULT_PROFILES_FILE': 'mine.xml'},
+        {'FASTRTPS_DEFAULT_PROFILES_FILE': 'mine.xml'},
+        {'RMW_IMPLEMENTATION': 'rmw_cyclonedds_cpp'},
+        {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'},
+    ],
+    ids=str,
+)
+def test_a_profile_a_middleware_or_a_range_of_the_user_stays(chosen: dict[str, str]) -> None:
+    assert domain_environment_to_kill(HERE | chosen) == HERE | chosen
 
 
 # The code of README and guides.

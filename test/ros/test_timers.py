@@ -6,14 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from tested_controllers import command_of, node_of, pd
 
-from pfd_ros.cli.main import main as pfd_main
 from pfd_ros.testing import ControllerProcess, LockstepArm, NoAnswerError, Trajectory
 
 pytestmark = pytest.mark.ros
@@ -148,17 +146,6 @@ def test_a_second_run_continues_where_the_first_one_ended(spin: Callable[..., Tr
         assert np.concatenate([getattr(part, name) for part in parts]).tobytes() == (
             getattr(whole, name).tobytes()
         )
-
-
-def test_a_recorded_run_verifies_and_has_the_bits_of_an_unrecorded_one(
-    spin: Callable[..., Trajectory], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / 'run.mcap'
-    more = {'noise_velocity': 0.01, 'outputs': ['energy']}
-    found = spin(['two'], [], recording=path, **more)
-    assert bits(found) == bits(spin(['two'], [], **more))
-    assert pfd_main(['replay', str(path), '--verify']) == 0
-    assert 'every bit equal' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -4,11 +4,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from logs import STORE, rosbag2
+from logs import STATES, STRING, Row, joint_state, string, write_mcap
 import numpy as np
 import pinocchio as pin
 from ros_processes import example_robot
@@ -18,9 +18,13 @@ import pfd_core as pfd
 UR5 = 'ur_description/urdf/ur5_robot.urdf'
 PANDA = 'panda_description/urdf/panda.urdf'
 SO100 = 'so_arm_description/urdf/so100.urdf'
-STATE, STRING = 'sensor_msgs/msg/JointState', 'std_msgs/msg/String'
 WRENCH = 'geometry_msgs/msg/WrenchStamped'
-Message = tuple[str, str, int, Any]
+# Types of topics without joint states.
+KINDS = {
+    '/robot_description': STRING,
+    '/external_wrench': WRENCH,
+    '/ft/external_wrench': WRENCH,
+}
 
 
 def urdf(*visuals: str, robot: str = '') -> str:
@@ -60,55 +64,18 @@ def example_urdf(path: str) -> tuple[pfd.Urdf, Path]:
     return found, source.parent
 
 
-def joint_state(
-    seconds: float, names: Sequence[str], position: Sequence[float], effort: Sequence[float] = ()
-) -> Any:
-    """Return a JointState of rosbags."""
-    types = STORE.types
-    stamp = types['builtin_interfaces/msg/Time'](*divmod(round(seconds * 1e9), 10**9))
-    header = types['std_msgs/msg/Header'](stamp, '')
-    none, values = np.array([]), (np.array(position, float), np.array(effort, float))
-    return types[STATE](header, list(names), values[0], none, values[1])
-
-
-def write_bag(path: Path, messages: Iterable[Message]) -> Path:
-    """Write messages, each with topic, type and log time [ns], by rosbags."""
-    with rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
-        connections: dict[str, Any] = {}
-        for topic, kind, log_ns, message in messages:
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
-            writer.write(connections[topic], log_ns, STORE.serialize_cdr(message, kind))
-    return path
-
-
-def described(*visuals: str) -> Message:
+def described(*visuals: str) -> Row:
     """Return the message of the pendulum's model."""
-    return '/robot_description', STRING, 0, STORE.types[STRING](urdf(*visuals))
+    return Row('/robot_description', 0.0, string(urdf(*visuals)))
 
 
-def swinging(
-    path: Path,
-    times: Sequence[float],
-    *extra: Message,
-    topic: str = '/joint_states',
-    joint: str = 'swing',
-) -> Path:
-    """Write a bag of the pendulum, at position t and effort -10 t at time t [s]."""
-    states = [
-        (topic, STATE, round((t + 0.5) * 1e9), joint_state(t + 100.0, [joint], [t], [-10.0 * t]))
+def swinging(path: Path, times: Sequence[float], *more: Row) -> Path:
+    """Write a log of the pendulum, at position t and effort -10 t at time t [s]."""
+    rows = [
+        Row(STATES, t + 0.5, joint_state(['swing'], [t], tau=[-10.0 * t], stamp=t + 100.0))
         for t in times
     ]
-    return write_bag(path, sorted([*extra, *states], key=lambda message: message[2]))
-
-
-def wrench_message(frame: str, force: Sequence[float], torque: Sequence[float] = (0, 0, 0)) -> Any:
-    """Return a WrenchStamped of rosbags with the stamp 0."""
-    types = STORE.types
-    vector = types['geometry_msgs/msg/Vector3']
-    header = types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](0, 0), frame)
-    body = types['geometry_msgs/msg/Wrench'](vector(*force), vector(*torque))
-    return types[WRENCH](header, body)
+    return write_mcap(path, sorted([*more, *rows], key=lambda row: row.at), KINDS)
 
 
 def frames_by_pinocchio(model: pin.Model, names: Sequence[str], q: Sequence[float]) -> pin.Data:

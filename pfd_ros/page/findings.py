@@ -83,9 +83,10 @@ def _spans(time: Array, holds: Array) -> Array:
 
 
 def _limits(run: Recorded) -> Iterator[Finding]:
-    for joints in run.joints:
+    for joints in (*run.joints, *run.drives):
+        unit_of = run.unit if joints in run.drives else run.states_unit
         for item, (low, high) in joints.bounds.items():
-            values, unit = joints.values[item], run.states_unit(item, joints.names)
+            values, unit = joints.values[item], unit_of(item, joints.names)
             out = np.isfinite(values) & ~((values > low) & (values < high))
             for j in np.flatnonzero(out.any(axis=0)):
                 first = values[int(np.argmax(out[:, j])), j]

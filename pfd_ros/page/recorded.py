@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
-from pfd_ros.arm.events import ARRAY, INPUTS, NAMED, STATES, TRAJECTORY
+from pfd_ros.arm.events import ARRAY, INPUTS, NAMED, STATES, TRAJECTORY, TRUE_STATES
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS, JOINT_UNITS
 from pfd_ros.messages.types import JOINT_STATE
@@ -32,6 +32,8 @@ from pfd_ros.text import cut, one_line
 Array: TypeAlias = NDArray[Any]
 # Stamps so close to those of the states are of the same clock [ns].
 SAME_CLOCK = NANOSECONDS
+# The value of `state_effort` with which efforts are those that the motors limit.
+COMMAND = 'command'
 # A first stamp before this time is a simulated one, and is shown as it is [ns].
 LATEST_START = 10**6 * NANOSECONDS
 
@@ -76,6 +78,10 @@ class Recorded:
         self.origin_ns = first if first > LATEST_START else 0
         self.joints = () if states is None else tuple(self._by_publisher(states))
         self.names = tuple(name for joints in self.joints for name in joints.names)
+        # Efforts that have limits, where those of the states are torques with gravity or currents.
+        self.drives: tuple[Joints, ...] = ()
+        if self.settings.get('state_effort', COMMAND) != COMMAND:
+            self.drives = tuple(self._commanded_efforts())
 
     def _topic(self, topic: str) -> TopicArrays | None:
         """Return the messages of a topic, None without any; note what cannot be read."""
@@ -183,7 +189,8 @@ class Recorded:
 
     def _by_publisher(self, states: TopicArrays) -> Iterator[Joints]:
         """Yield the joints that are named in the same messages."""
-        bounds = self._bounds(states.names)
+        commanded = self.settings.get('state_effort', COMMAND) == COMMAND
+        bounds = self._bounds(states.names, commanded=commanded)
         together: dict[tuple[bool, ...], list[int]] = {}
         for j, name in enumerate(states.names):
             together.setdefault(tuple(name in x for x in states.lists), []).append(j)
@@ -201,19 +208,35 @@ class Recorded:
                 self._period(time),
             )
 
+    def _commanded_efforts(self) -> Iterator[Joints]:
+        """Yield the efforts of the motors, from true_states; note if a recording has none."""
+        found = self.of_role(TRUE_STATES)
+        if found is None:
+            text = 'efforts of the states are torques with gravity or currents: limits of efforts '
+            self.notes[f'{text}are not checked; outputs:=[true_states] records what has them'] = (
+                None
+            )
+            return
+        values, bounds = {'effort': found.effort}, self._bounds(found.names, commanded=True)
+        time = self.times(found)
+        yield Joints(found.names, time, values, {'effort': bounds['effort']}, self._period(time))
+
     def _period(self, time: Array) -> float:
         if self.settings:
             rate = float(self.settings.get('publish_rate') or 0.0)
             return 1.0 / rate if rate else float(self.settings['step_size'])
         return float(np.median(np.diff(time))) if len(time) > 1 else 0.0
 
-    def _bounds(self, names: tuple[str, ...]) -> dict[str, Array]:
-        """Return the limits (2, n) of joints; infinite for those that the robot lacks."""
+    def _bounds(self, names: tuple[str, ...], *, commanded: bool) -> dict[str, Array]:
+        """Return the limits (2, n) of joints; infinite for those that the robot lacks.
+
+        Efforts that are not as commanded have none.
+        """
         bounds = {item: np.tile([[-np.inf], [np.inf]], len(names)) for item in JOINT_FIELDS}
         robot = self.robot
         if robot is not None:
             speed, effort = robot.velocity_limit, robot.effort_limit
-            effort = np.full_like(effort, np.inf) if self._currents else effort
+            effort = effort if commanded else np.full_like(effort, np.inf)
             pairs = (robot.position_lower, robot.position_upper), (-speed, speed)
             known = {name: k for k, name in enumerate(robot.joint_names)}
             columns = [j for j, name in enumerate(names) if name in known]

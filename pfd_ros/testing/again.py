@@ -24,6 +24,8 @@ from pathlib import Path
 import shlex
 import sys
 
+import numpy as np
+
 import pfd_core as pfd
 from pfd_ros.arm.description import DescribedRobot, parsed_urdf
 from pfd_ros.arm.engine import Engine
@@ -235,7 +237,9 @@ def recorded(log: Path | str, joint: str = '', *, robot: str | None = None) -> T
     """Return the motion in any log: of all joints that are published together with `joint`.
 
     `robot` names the robot of a log that holds none, for its limits. Times are those of the page
-    of the log, and `tau` has the efforts of each state. LogError without states of the joint.
+    of the log, and `tau` has the efforts of each state; where these are no efforts of the motors
+    but torques with gravity or currents, those of true_states, or no limit. LogError without
+    states of the joint.
     """
     run = _read(log, robot)
     joints = next((each for each in run.joints if joint in ('', *each.names)), None)
@@ -243,6 +247,9 @@ def recorded(log: Path | str, joint: str = '', *, robot: str | None = None) -> T
         raise LogError(f'{log} has no joint states{f" of {cut(joint)!r}" if joint else ""}')
     q, qd, tau = (joints.values[item] for item in JOINT_FIELDS)
     (lower, upper), (_, speed), (_, effort) = (joints.bounds[item] for item in JOINT_FIELDS)
+    for each in run.drives:
+        if each.names == joints.names and np.array_equal(each.time, joints.time):
+            tau, effort = each.values['effort'], each.bounds['effort'][1]
     # Without all joints of a robot its tip is not known.
     whole = run.robot is not None and {*run.robot.joint_names} <= {*joints.names}
     return Trajectory(

@@ -41,7 +41,7 @@ from pfd_ros.page.page import TYPES as PAGE_TYPES
 from pfd_ros.page.page import page as page_of_log
 from pfd_ros.replay.verify import verify as verify_log
 from pfd_ros.replay.what_if import what_if
-from pfd_ros.testing import LockstepArm
+from pfd_ros.testing import LockstepArm, recorded
 
 BEHAVIOURS = {(name, row.name): row for name in CONVENTIONS for row in behaviours(name)}
 FIELDS = {row.field: row for row in SETTING_ROWS}
@@ -576,3 +576,22 @@ def test_the_motion_of_a_test_has_efforts_in_the_units_of_their_limits(tmp_path:
         np.testing.assert_allclose(shown * unit, weight + 0.5, rtol=0, atol=1e-2)
         titles = {plot.title for plot in page_of_log(read_log(path, types=PAGE_TYPES)).plots}
         assert f'effort [{"A" if kind == "current" else "N m"}]' in titles
+
+
+def test_limits_of_efforts_are_those_of_the_motors_where_states_show_torques_with_gravity(
+    tmp_path: Path,
+) -> None:
+    # Gravity takes 47 N m at the second joint, whose limit is 87 N m.
+    usual = {'robot': 'panda', 'convention': 'franka', 'armature': True, 'reflex_effort_rate': 0.0}
+    usual['initial_positions'] = (0.0, 0.9, 0.0, -1.0, 0.0, 1.5, 0.0)
+    runs = ('cut', 200.0, ['true_states']), ('far', -70.0, []), ('unseen', 200.0, [])
+    for name, tau, outputs in runs:
+        path = tmp_path / f'{name}.mcap'
+        with LockstepArm(**usual, outputs=outputs, recording=path) as arm:
+            arm.run(lambda t, q, qd, tau=tau: np.array(joint_values(7, 1, tau)), 0.02)
+        page, motion = page_of_log(read_log(path, types=PAGE_TYPES)), recorded(path)
+        limited = [(x.joint, x.time) for x in page.findings if x.kind == 'effort limit']
+        hits = [x.joint for x in motion.limits_hit() if x.kind == 'effort']
+        assert limited == ([('panda_joint2', pytest.approx(0.002))] if outputs else [])
+        assert hits == (['panda_joint2'] if outputs else [])
+        assert any('true_states' in note for note in page.notes) == (not outputs)

@@ -29,11 +29,12 @@ To change or add
     an input                a row of arm.events.ROLES, a rule in arm.engine.RULES
     a published topic       a row of arm.events.ROLES; a line of config/sim_arm.yaml (`outputs`),
                             a case of test/ros/test_arm_outputs.py.
-                            With a quantity of the model in the row, arm.plant compiles it and
-                            arm.outputs writes it without further code; a new quantity is a row of
-                            pfd_core.dynamics.quantities. Others have a writer in arm.outputs. A
-                            topic that is not published with each state has a separate publisher,
-                            as in node.lifecycle
+                            With a quantity of the model in the row, arm.plant compiles it, and
+                            arm.outputs writes it without further code if it is one of q, qd, tau
+                            and wrench, with axes of n joints or of a twist. A new quantity is a
+                            row of pfd_core.dynamics.quantities. Others have a writer in
+                            arm.outputs. A topic that is not published with each state has a
+                            separate publisher, as in node.lifecycle
     frames of the links     arm.frames: /tf of recordings
     a parameter             a field of arm.settings.Settings, a line of config/sim_arm.yaml
     a vendor's behaviour    a row of arm/conventions.yaml and a test of its name in

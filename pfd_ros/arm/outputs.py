@@ -163,11 +163,9 @@ def _quantity(given: Outputs, role: str) -> Writer:
     if row.type == POSE:
         encoder = numbers_encoder(POSE, arm.robot.base)
         return encoder, lambda: position_and_quaternion(evaluate())
-    joints = arm.names, arm.order
-    axes = [
-        joints if length == 'n' else (TWIST_AXES, range(len(TWIST_AXES)))
-        for length in pfd.QUANTITIES[row.quantity].shape
-    ]
+    # A quantity with another axis needs its row here.
+    known: dict[Any, Any] = {'n': (arm.names, arm.order), 6: (TWIST_AXES, range(6))}
+    axes = [known[length] for length in pfd.QUANTITIES[row.quantity].shape]
     if row.type == JOINT_STATE:
         encoder = joint_encoder(arm.names, arm.state.first.frame_id, fields=('effort',))
     else:

@@ -1,15 +1,15 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pinocchio and the emulator as oracles: random chains, answers, measures of the difference."""
+"""Pinocchio and the emulator as oracles: random chains, answers, differences and tolerances."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import mpmath
 import numpy as np
 import pinocchio as pin
-from zoo import Array, random_chain, to_pinocchio
+from zoo import Array, exact_angles, random_chain, to_pinocchio
 
 import pfd_core as pfd
 from pfd_core.machine.emulator import run as run_program
@@ -17,6 +17,27 @@ from pfd_core.machine.emulator import run as run_program
 ARMS = ('puma560', 'ur5', 'planar2', 'panda')
 WRENCH = pfd.Scene(external_wrench=True)
 Chains = Iterator[tuple[np.random.Generator, pfd.Robot]]
+
+# Tolerances of more than one file, and their causes.
+
+# H, bias and torque of chains of up to 12 skew links, relative to the largest element. Both
+# sides sum some hundred rounded terms about different points: seen up to 4e-14.
+DYNAMICS = 1e-12
+
+# qdd relative to the largest element, times the condition number of H after Jacobi scaling:
+# solving H qdd = y multiplies the rounding of H by just that number, and no less.
+ACCELERATION = 1e-12
+
+# The same in single precision, whose rounding is 2^29 times larger.
+SINGLE = DYNAMICS * 2.0**29
+
+# 50-digit arithmetic against itself over some thousand operations.
+FIFTY_DIGITS = 1e-45
+
+# Hard cases of arms whose rotation matrices, rounded to float64, are not exactly orthogonal, and
+# how far methods in other frames then differ in 50 digits: some roundings, seen up to 2.8e-15.
+NOT_ORTHOGONAL = ('ordinary_so100', 'ordinary_so101', 'ordinary_xarm7')
+ROUNDED_FRAMES = 1e-14
 
 
 def chains(count: int, seed: int) -> Chains:
@@ -94,3 +115,43 @@ def assert_bits_of_the_emulator(
     np.testing.assert_array_equal(kernel(q, qd, tau, wrench, brakes=brakes), emulated)
     one = kernel(q[3], qd[3], tau[3], wrench[3], brakes=brakes[3])
     np.testing.assert_array_equal(one, emulated[3])
+
+
+def positions_in(
+    whole: pin.Model, robot: pfd.Robot, q: Array, locked: Mapping[str, float]
+) -> Array:
+    """Return positions of all joints of a file, those off the chain and not locked at rest."""
+    whole_q: Array = pin.neutral(whole)
+    for name, value in {**locked, **dict(zip(robot.joint_names, q, strict=True))}.items():
+        place = whole.joints[whole.getJointId(name)]
+        angle = [np.cos(value), np.sin(value)] if place.nq == 2 else [value]
+        whole_q[place.idx_q : place.idx_q + place.nq] = angle
+    return whole_q
+
+
+def assert_same_physics(robot: pfd.Robot, text: str, locked: Mapping[str, float]) -> None:
+    """Compare a loaded chain with Pinocchio on the whole file, joints off the chain at rest."""
+    whole = pin.buildModelFromXML(exact_angles(text))
+    ours = to_pinocchio(robot)
+    data, own = whole.createData(), ours.createData()
+    rng = np.random.default_rng(7)
+    ids = [whole.getJointId(name) for name in robot.joint_names]
+    v_at = [whole.joints[i].idx_v for i in ids]
+    for _ in range(5):
+        q, qd, qdd = rng.uniform(-1.5, 1.5, (3, robot.n))
+        whole_q = positions_in(whole, robot, q, locked)
+        pin.framesForwardKinematics(whole, data, whole_q)
+        base = data.oMf[whole.getFrameId(robot.base, pin.FrameType.BODY)]
+        tip = data.oMf[whole.getFrameId(robot.tip, pin.FrameType.BODY)]
+        pin.framesForwardKinematics(ours, own, q)
+        reach = (base.inverse() * tip).homogeneous
+        assert np.abs(own.oMf[-1].homogeneous - reach).max() <= DYNAMICS * np.abs(reach).max()
+
+        velocity, acceleration = np.zeros((2, whole.nv))
+        velocity[v_at], acceleration[v_at] = qd, qdd
+        tau = pin.rnea(whole, data, whole_q, velocity, acceleration)[v_at]
+        assert np.abs(pin.rnea(ours, own, q, qd, qdd) - tau).max() <= DYNAMICS * max(
+            1.0, np.abs(tau).max()
+        )
+        H = np.triu(pin.crba(whole, data, whole_q))[np.ix_(v_at, v_at)]
+        assert np.abs(np.triu(pin.crba(ours, own, q)) - H).max() <= DYNAMICS * H.max()

@@ -14,10 +14,9 @@ from typing import Any
 import mpmath
 import numpy as np
 from numpy.typing import NDArray
-from oracle import Oracle, jacobi_condition, relative
+from oracle import ACCELERATION, NOT_ORTHOGONAL, ROUNDED_FRAMES, Oracle, jacobi_condition, relative
 import pytest
 from sampling import one_fast
-from tolerances import ACCELERATION, NOT_ORTHOGONAL, ROUNDED_FRAMES
 from zoo import random_chain, random_state, without_mass
 
 from benchmarks.cases.problems import (

@@ -14,7 +14,7 @@ from oracle import Oracle
 import pinocchio as pin
 import pytest
 from sampling import one_fast
-from zoo import BODY, Array, joint, link, random_chain, slider, urdf
+from zoo import BODY, Array, flywheel, joint, link, random_chain, slider, urdf
 
 import pfd_core as pfd
 
@@ -46,19 +46,6 @@ def simulated(robot: pfd.Robot, scene: pfd.Scene, q, qd, taus, **settings):  # t
     return sim.rollout(taus)
 
 
-def rotor(inertia: float) -> pfd.Robot:
-    """Return a single joint with a vertical axis."""
-    J = f'{inertia} {inertia} {inertia} 0 0 0'
-    return pfd.load_robot(
-        urdf(
-            'rotor',
-            link('base'),
-            link('wheel', 1.0, J=J),
-            joint('j', 'continuous', 'base', 'wheel'),
-        )
-    )
-
-
 @pytest.mark.parametrize(
     ('integrator', 'order', 'most'), [('rk4', 3.9, DAMPED), ('imex2', 1.8, IMPLICIT)]
 )
@@ -72,7 +59,9 @@ def test_a_rotor_with_damping_and_friction_stops_at_the_closed_form(
     errors = []
     for parts in (1, 2):
         settings = {'step_size': STEP / parts, 'integrator': integrator}
-        run = simulated(rotor(inertia), scene, [0.0], [v], np.zeros((400 * parts, 1)), **settings)
+        run = simulated(
+            flywheel(inertia), scene, [0.0], [v], np.zeros((400 * parts, 1)), **settings
+        )
         errors.append(abs(run.q[-1, 0] - angle))
         assert run.time[np.flatnonzero(run.qd == 0.0)[0]] - time < STEP / parts
     # The event adds nothing to the error of the integrator.
@@ -101,7 +90,7 @@ def test_friction_that_falls_with_the_speed_stops_a_rotor_at_the_closed_form() -
     """I v' = -Fc - (Fs - Fc)/(1 + (v/vs)^2): time to rest by partial fractions."""
     inertia, sliding, static, vs, v = 0.5, 2.0, 3.0, 0.1, 1.0
     scene = pfd.Scene(friction=[sliding], static_friction=[static], stribeck_velocity=[vs])
-    run = simulated(rotor(inertia), scene, [0.0], [v], np.zeros((400, 1)))
+    run = simulated(flywheel(inertia), scene, [0.0], [v], np.zeros((400, 1)))
     c = sqrt(static / sliding)
     # dt = -I (1 + u^2) / (Fc (u^2 + c^2)) vs du, u = v / vs.
     time = inertia * vs / sliding * (v / vs + (1 - c**2) / c * np.arctan(v / vs / c))

@@ -108,33 +108,6 @@ def test_pcrbm_is_the_sum_of_its_parts(n: int) -> None:
 # ---- actuators and springs: nothing where they are off ---------------------------------------
 
 
-OFF: dict[str, dict[str, Any]] = {
-    'effort_limits': {'effort_limits': [np.inf] * 2},
-    'torque_speed': {'torque_speed': [None] * 2},
-    'springs': {'stiffness': [0.0] * 2, 'rest_position': [0.3] * 2},
-    'gravity_compensation': {'gravity_compensation': pfd.Scene(gravity=None)},
-    'friction': {'friction': [0.0] * 2},
-    'joint_limits': {'joint_limits': [(-np.inf, np.inf)] * 2, 'restitution': 0.5},
-    'motor_lag': {'motor_lag': [0.0] * 2},
-    'damping': {'damping': [0.0] * 2},
-    'armature': {'armature': [0.0] * 2},
-}
-
-
-@cache
-def bare_kernel() -> pfd.Kernel:
-    return pfd.compile_kernel(pfd.load_robot('planar2'), refine=1)
-
-
-@pytest.mark.parametrize('effect', OFF)
-def test_an_effect_that_is_off_costs_nothing(effect: str) -> None:
-    bare = bare_kernel()
-    robot = bare.robot
-    off = pfd.compile_kernel(robot, scene=pfd.Scene(**OFF[effect]), refine=1)
-    assert off.operations == bare.operations
-    assert off.ir == bare.ir
-
-
 ON: dict[str, tuple[dict[str, Any], int]] = {
     # Each joint: two comparisons of one subtraction and one selection.
     'effort_limits': ({'effort_limits': [40.0] * 2}, 2 * 4),
@@ -169,9 +142,7 @@ Counts = tuple[int, int, int]
 
 
 def recorded(method: str, n: int) -> pfd.Program:
-    types = ['revolute'] * n
-    robot = random_chain(np.random.default_rng(n), n, joint_types=types)
-    return FORWARD_METHODS[method](resolve_plant(robot), 'sequential')
+    return FORWARD_METHODS[method](resolve_plant(chain(n)), 'sequential')
 
 
 @cache
@@ -266,10 +237,6 @@ def test_h_about_the_base_origin_takes_half_a_row_for_each_joint(n: int) -> None
 # ---- PCGM ----
 
 
-def revolute(n: int) -> pfd.Robot:
-    return random_chain(np.random.default_rng(n), n, 0.0)
-
-
 def packed_sums(n: int) -> int:
     """Return the additions of the four sums of vectors in a product with H, packed."""
     return sum(4 * math.ceil(3 * (n - 2**k) / n) for k in range(math.ceil(math.log2(n))))
@@ -278,7 +245,7 @@ def packed_sums(n: int) -> int:
 @pytest.mark.parametrize('n', SIZES[1:])
 def test_an_iteration_takes_47_multiplications(n: int) -> None:
     # The paper counts 49 multiplications, divisions among them, and 14 L + 30 additions.
-    program = FORWARD_METHODS['pcgm'](resolve_plant(revolute(n)), 'parallel')
+    program = FORWARD_METHODS['pcgm'](resolve_plant(chain(n)), 'parallel')
     one, two = program.count(iterations=1), program.count(iterations=2)
     L = math.ceil(math.log2(n))
     assert two.multiplications - one.multiplications == 47

@@ -18,10 +18,9 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from oracle import Oracle, relative
+from oracle import DYNAMICS, Oracle, relative
 import pinocchio as pin
 import pytest
-from tolerances import DYNAMICS
 
 from pfd_core.model.plant import resolve as resolve_plant
 from pfd_ros.cli import main

@@ -16,11 +16,10 @@ from typing import Any
 from effect_cases import everything, example, scene_with
 from mpmath import mp
 import numpy as np
-from oracle import Oracle, jacobi_condition, relative
+from oracle import ACCELERATION, SINGLE, Oracle, jacobi_condition, relative
 import pinocchio as pin
 import pytest
 from sampling import one_fast
-from tolerances import ACCELERATION, SINGLE
 from zoo import ODD_ARM, Array, random_chain, random_state, slider, to_pinocchio, without_mass
 
 import pfd_core as pfd

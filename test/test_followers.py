@@ -8,10 +8,9 @@ from dataclasses import replace
 import re
 
 import numpy as np
-from oracle import relative
+from oracle import DYNAMICS, relative
 import pinocchio as pin
 import pytest
-from tolerances import DYNAMICS
 from zoo import BODY, FORK, Array, joint, link, random_chain, to_pinocchio, urdf
 
 import pfd_core as pfd

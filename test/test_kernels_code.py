@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 import ctypes
 from dataclasses import replace
 import errno
@@ -12,15 +12,12 @@ import json
 import os
 from pathlib import Path
 import re
-import shutil
-import struct
 import subprocess
 import sys
 from typing import Any
 
 import llvmlite.binding as llvm
 import numpy as np
-from numpy.typing import NDArray
 import pytest
 from sampling import one_fast
 from zoo import random_chain, random_state
@@ -309,17 +306,6 @@ TESTED = (
 # Objects of Linux, macOS and Windows.
 OBJECT = re.compile(rb'\x7fELF|\xcf\xfa\xed\xfe|\x64\x86')
 ELF_MACHINE, EM_AARCH64 = slice(18, 20), (183).to_bytes(2, 'little')
-COMPILER, EMULATORS = 'aarch64-linux-gnu-gcc', ('qemu-aarch64', 'qemu-aarch64-static')
-STATES = 7  # whole blocks and a rest, whatever the width
-
-
-@pytest.fixture
-def features(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, bool]]:
-    """Return the features of this machine, which a test may change."""
-    found = dict(llvm.get_host_cpu_features())
-    monkeypatch.setattr(llvm, 'get_host_cpu_features', lambda: found)
-    yield found
-    native.host.cache_clear()
 
 
 def test_a_name_that_is_no_level_is_refused_with_those_that_are(
@@ -387,9 +373,10 @@ def for_arm() -> native.Target:
 
 @on_x86
 def test_a_processor_with_instructions_that_this_machine_lacks_is_refused(
-    features: dict[str, bool], monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    features.update(avx512f=False, fma=False, avx2=True)
+    features = dict.fromkeys(native.LEVELS['x86-64-v4'], True) | {'avx512f': False, 'fma': False}
+    monkeypatch.setattr(llvm, 'get_host_cpu_features', lambda: features)
     monkeypatch.setenv('PFD_TARGET_CPU', 'x86-64-v4')
     expected = rf'\({re.escape(HERE)}\), got .x86-64-v4., which needs fma, avx512f$'
     with pytest.raises(ValueError, match=expected):
@@ -467,118 +454,6 @@ def test_the_tests_of_kernels_and_simulation_pass_for_every_processor(
     )
     assert done.returncode == 0, done.stdout[-10_000:]
     assert f'compiled for {cpu}' in done.stdout
-
-
-# ---- 64-bit ARM ------------------------------------------------------------------------------
-
-
-# Reads the bytes of a number, how many arguments there are, the elements of each and all inputs
-# (in hexadecimal); prints the results of a batch in C order, then those of one in Fortran order.
-MAIN = """
-#include <inttypes.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-int64_t batch(int64_t count, int64_t *table);
-
-static unsigned char *place(int64_t *row, int64_t state, int64_t element) {
-    return (unsigned char *)row[0] + state * row[1] + element * row[2];
-}
-
-int main(void) {
-    int64_t bytes, count, slots, sizes[8], given[3 * 8], table[3 * 8];
-    if (scanf("%" SCNd64 " %" SCNd64 " %" SCNd64, &bytes, &count, &slots) != 3) return 2;
-    for (int64_t k = 0; k < slots; k++) {
-        if (scanf("%" SCNd64, &sizes[k]) != 1) return 2;
-        given[3 * k] = (int64_t)calloc(count * sizes[k], bytes);
-        given[3 * k + 1] = sizes[k] * bytes;
-        given[3 * k + 2] = bytes;
-    }
-    for (int64_t k = 0; k < slots - 1; k++)
-        for (int64_t i = 0; i < count * sizes[k]; i++) {
-            uint64_t number;
-            if (scanf("%" SCNx64, &number) != 1) return 2;
-            memcpy((unsigned char *)given[3 * k] + i * bytes, &number, bytes);
-        }
-    for (int order = 0; order < 2; order++) {
-        for (int64_t k = 0; k < slots; k++) {
-            int64_t *row = &table[3 * k];
-            row[0] = (int64_t)calloc(count * sizes[k], bytes);
-            row[1] = order ? bytes : sizes[k] * bytes;
-            row[2] = order ? count * bytes : bytes;
-            for (int64_t s = 0; s < count; s++)
-                for (int64_t e = 0; e < sizes[k]; e++)
-                    memcpy(place(row, s, e), place(&given[3 * k], s, e), bytes);
-        }
-        if (batch(count, table)) return 3;
-        for (int64_t s = 0; s < count; s++)
-            for (int64_t e = 0; e < sizes[slots - 1]; e++) {
-                uint64_t number = 0;
-                memcpy(&number, place(&table[3 * (slots - 1)], s, e), bytes);
-                printf("%" PRIx64 "\\n", number);
-            }
-    }
-    return 0;
-}
-"""
-
-
-def states(robot: pfd.Robot, dtype: str) -> list[NDArray[np.floating]]:
-    """Return positions, velocities, torques and wrenches, one of them with angles far out."""
-    rng = np.random.default_rng(6)
-    rows = [random_state(rng, robot.n) for _ in range(STATES)]
-    q, qd, tau = (np.array([row[k] for row in rows], dtype) for k in range(3))
-    q[2] *= 1e30
-    return [q, qd, tau, rng.normal(size=(STATES, 6)).astype(dtype)]
-
-
-def hexadecimal(array: NDArray[np.floating]) -> list[str]:
-    code = {'float64': 'Q', 'float32': 'I'}[array.dtype.name]
-    return [f'{bits:x}' for bits in struct.unpack(f'<{array.size}{code}', array.tobytes())]
-
-
-@pytest.fixture(scope='module')
-def emulator() -> str:
-    """Return the program that runs 64-bit ARM code."""
-    found = next((path for name in EMULATORS if (path := shutil.which(name))), None)
-    if found is None or shutil.which(COMPILER) is None:
-        pytest.skip(f'needs {COMPILER} and one of {EMULATORS} (qemu-user)')
-    return found
-
-
-@pytest.mark.parametrize(('name', 'dtype'), [('ur5', 'float64'), ('panda', 'float32')])
-def test_arm_and_this_processor_give_the_same_bits(
-    name: str, dtype: str, emulator: str, tmp_path: Path
-) -> None:
-    rng = np.random.default_rng(5)
-    robot = pfd.load_robot(name)
-    rotors, damping = robot.armature, robot.damping
-    scene = pfd.Scene(damping=damping, armature=rotors, external_wrench=True, brakes=True)
-    kernel = pfd.compile_kernel(robot, scene=scene, dtype=dtype)
-    arrays = states(robot, dtype)
-    brakes = rng.random((STATES, robot.n)) < 0.3
-    wanted = hexadecimal(kernel(*arrays, brakes=brakes))
-    (tmp_path / 'main.c').write_text(MAIN)
-    target = for_arm()
-    code = native.emit(module(kernel, native.simd_width(dtype, target)), target)
-    (tmp_path / 'kernel.o').write_bytes(code)
-    command = [COMPILER, '-O1', '-static', 'main.c', 'kernel.o', '-o', 'main', '-lm']
-    subprocess.run(command, cwd=tmp_path, check=True, timeout=LIFETIME)
-    inputs = [*arrays, (1.0 - brakes).astype(dtype)]
-    assert generate.inputs_of(kernel.program) == ['q', 'qd', 'tau', 'wrench', 'free']
-    words = [str(np.dtype(dtype).itemsize), str(STATES), str(len(inputs) + 1)]
-    words += [str(array.shape[1]) for array in inputs] + [str(robot.n)]
-    words += [word for array in inputs for word in hexadecimal(array)]
-    done = subprocess.run(
-        [emulator, str(tmp_path / 'main')],
-        input=' '.join(words),
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=LIFETIME,
-    )
-    assert done.stdout.split() == wanted * 2
 
 
 # ---- other builds of Python and NumPy ----

@@ -12,7 +12,10 @@ from closed_forms import chain
 import mpmath
 import numpy as np
 from oracle import (
+    ACCELERATION,
     ARMS,
+    DYNAMICS,
+    FIFTY_DIGITS,
     WRENCH,
     Oracle,
     assert_bits_of_the_emulator,
@@ -25,7 +28,6 @@ from oracle import (
 import pinocchio as pin
 import pytest
 from sampling import one_fast
-from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS
 from zoo import Array, random_chain, random_state, right_angled, without_mass
 
 import pfd_core as pfd
@@ -513,10 +515,6 @@ def test_no_ordinary_state_is_refused_under_any_torque_and_close_to_equilibrium(
 
 
 # ---- PCGM ----
-
-
-def revolute(n: int) -> pfd.Robot:
-    return random_chain(np.random.default_rng(n), n, 0.0)
 
 
 # The hard case cg_baseline: real arms, to ten times the rounding of a number.

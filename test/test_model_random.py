@@ -15,9 +15,8 @@ from hypothesis import find, given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from urdf_models import exact_angles
 import yaml
-from zoo import FORK, ODD_ARM, ROWS, STRAIGHT_ARM, random_chain
+from zoo import FORK, ODD_ARM, ROWS, STRAIGHT_ARM, exact_angles, random_chain
 
 import pfd_core as pfd
 

@@ -14,16 +14,15 @@ import re
 from typing import Any
 
 import numpy as np
-from oracle import Oracle, relative
+from oracle import DYNAMICS, Oracle, relative
 import pinocchio as pin
 import pytest
-from tolerances import DYNAMICS
-from urdf_models import example
 from zoo import (
     FORK,
     ODD_ARM,
     ROWS,
     Array,
+    example,
     random_chain,
     random_inertia,
     random_rotation,

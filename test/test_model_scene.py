@@ -64,6 +64,8 @@ def test_an_effect_is_off_or_from_the_model_or_given(
         {'friction': (0, 0, 0, 0)},
         {'friction': (0, 0, 0, 0), 'static_friction': (0, 0, 0, 0)},
         {'motor_lag': (0, 0, 0, 0)},
+        {'damping': (0, 0, 0, 0)},
+        {'armature': (0, 0, 0, 0)},
         {'stiffness': (0, 0, 0, 0), 'rest_position': (1, 1, 1, 1)},
         {'effort_limits': [np.inf] * 4},
         {'joint_limits': [(-np.inf, np.inf)] * 4, 'restitution': 0.5},

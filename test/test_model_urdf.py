@@ -12,17 +12,18 @@ import sys
 from typing import Any
 
 import numpy as np
-from oracle import relative
+from oracle import DYNAMICS, assert_same_physics, positions_in, relative
 import pinocchio as pin
 import pytest
-from tolerances import DYNAMICS
-from urdf_models import ARM, assert_same_physics, exact_angles, example, positions_in
 from zoo import (
+    ARM,
     BODY,
     FORK,
     ODD_ARM,
     STRAIGHT_ARM,
     TWO_ARMS,
+    exact_angles,
+    example,
     joint,
     link,
     random_chain,

@@ -101,7 +101,7 @@ def test_links_join_neighbours_and_touch_a_cell(link: systolic.Link, message: st
 # ---- the array ----
 
 
-STORE, MULTIPLY, DIVIDE, ROOT = 'store', 'multiply and subtract', 'divide', 'square root'
+STORE, MULTIPLY, ROOT = 'store', 'multiply and subtract', 'square root'
 Array = np.ndarray[Any, Any]
 
 

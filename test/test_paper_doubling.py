@@ -14,10 +14,9 @@ from typing import Any
 
 from closed_forms import LENGTHS, arithmetic, by_section, chain, levels, routes_by_section
 import numpy as np
-from oracle import Oracle, jacobi_condition, relative
+from oracle import ACCELERATION, Oracle, jacobi_condition, relative
 import pytest
 from sampling import one_fast
-from tolerances import ACCELERATION
 from zoo import Array, random_chain, random_state, without_mass
 
 import pfd_core as pfd

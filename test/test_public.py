@@ -21,8 +21,7 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 from sampling import one_fast
-from urdf_models import example
-from zoo import WHEEL, joint, link, random_state, urdf, without_mass
+from zoo import WHEEL, example, joint, link, random_state, urdf, without_mass
 
 import pfd_core as pfd
 from pfd_core.kernels.compile import _kept_kernel as cached_kernel

@@ -13,11 +13,10 @@ from typing import Any
 import mpmath
 import numpy as np
 from numpy.typing import ArrayLike
-from oracle import ARMS, Oracle, chains, relative
+from oracle import ARMS, DYNAMICS, FIFTY_DIGITS, Oracle, chains, relative
 import pinocchio as pin
 import pytest
 from sampling import one_fast
-from tolerances import DYNAMICS, FIFTY_DIGITS
 from zoo import Array, random_chain, random_state
 
 from benchmarks.cases.robots import coaxial

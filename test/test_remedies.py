@@ -7,8 +7,8 @@ from __future__ import annotations
 import ast
 import re
 
+from oracle import assert_same_physics
 import pytest
-from urdf_models import assert_same_physics
 from zoo import BODY, FORK, TWO_ARMS, joint, link, urdf
 
 import pfd_core as pfd

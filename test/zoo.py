@@ -12,6 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
+import re
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -289,3 +291,29 @@ def to_pinocchio(robot: pfd.Robot, armature: ArrayLike | None = None) -> pin.Mod
     if armature is not None:
         model.armature = np.array(armature, dtype=float)
     return model
+
+
+# Files whose angles are cut off after 9 to 14 digits are compared with angles made exact.
+RIGHT = '1.5707963267948966'
+TRUNCATED = {
+    **dict.fromkeys(
+        ('1.570796327', '1.57079632679', '1.5707963267949', '1.57079632679490'), RIGHT
+    ),
+    '3.14159265359': '3.141592653589793',
+}
+
+
+def example(name: str) -> str:
+    """Return the text of a URDF of the package example-robot-data."""
+    folders = Path(pin.__file__).parents[4] / 'share' / 'example-robot-data' / 'robots'
+    return (folders / name).read_text(encoding='utf-8')
+
+
+def exact_angles(text: str) -> str:
+    """Return a URDF with truncated right angles written out."""
+    for short, long in TRUNCATED.items():
+        text = re.sub(rf'{re.escape(short)}(?=[\s"])', long, text)
+    return text
+
+
+ARM = (link('base'), link('arm', 1, J=BODY))

@@ -13,7 +13,16 @@ import zlib
 import numpy as np
 
 import pfd_core as pfd
-from pfd_ros.arm.events import ARRAY, ENERGY, NAMED, PAYLOAD_IN_USE, SET_STATE, TRAJECTORY
+from pfd_ros.arm.events import (
+    ARRAY,
+    ENERGY,
+    MOVING,
+    NAMED,
+    PAYLOAD_IN_USE,
+    REQUESTS,
+    SET_STATE,
+    TRAJECTORY,
+)
 from pfd_ros.arm.plant import INPUT, scene_of
 from pfd_ros.arm.plant_settings import payload_from
 from pfd_ros.arm.settings import Settings
@@ -114,7 +123,7 @@ def _with_references(plot: Plot, references: Sequence[Reference]) -> Plot:
 
 
 def _points(run: Recorded) -> Iterator[Plot]:
-    """Yield the points of trajectories, as far as the next one leaves them."""
+    """Yield the points of trajectories, up to the input that ends each of them."""
     found = run.of_role(TRAJECTORY)
     if found is None or 'points.positions' not in found.arrays:
         return
@@ -123,8 +132,11 @@ def _points(run: Recorded) -> Iterator[Plot]:
     stamp = stamps.sec + stamps.nanosec / NANOSECONDS
     start = np.where(stamp > 0.0, stamp - run.origin_ns / NANOSECONDS, came)
     time = start[:, np.newaxis] + sec + nanosec / NANOSECONDS
-    ends = np.append(came[1:], np.inf)
-    acts = (time >= came[:, np.newaxis]) & (time < ends[:, np.newaxis])
+    stops = [run.accepted_times(role) for role in MOVING]
+    stops.append(run.accepted_times(REQUESTS, ('"reset"', '"deactivate"')))
+    stop = np.sort(np.concatenate([*stops, [np.inf]]))
+    ends = stop[np.searchsorted(stop, came, 'right'), np.newaxis]
+    acts = (time >= came[:, np.newaxis]) & (time < ends) & run.accepted(TRAJECTORY)[:, np.newaxis]
     names = found.joint_names
     labels = tuple(dict.fromkeys(names[names != '']))
     for item, field in zip(JOINT_FIELDS, ('positions', 'velocities', 'effort'), strict=True):

@@ -149,17 +149,10 @@ def _rejected(run: Recorded) -> Iterator[Finding]:
 
 def _commands(run: Recorded, *, accepted: bool) -> Array:
     """Return the times of commands [s], sorted: of all, or of those that were accepted."""
-    rejected, times = run.of_role(REJECTED), [np.empty(0)]
-    refused: dict[str, list[float]] = {}
-    if accepted and rejected is not None and rejected.cycle is not None:
-        roles = (str(text).partition(' ')[0] for text in rejected.data)
-        refused = _grouped(zip(roles, rejected.cycle, strict=True))
-    for role in COMMANDS:
-        found = run.of_role(role)
-        if found is not None:
-            cycles = np.zeros(len(found)) if found.cycle is None else found.cycle
-            times.append(run.times(found)[~np.isin(cycles, refused.get(role, []))])
-    return np.sort(np.concatenate(times))
+    if accepted:
+        return np.sort(np.concatenate([run.accepted_times(role) for role in COMMANDS]))
+    there = [found for role in COMMANDS if (found := run.of_role(role)) is not None]
+    return np.sort(np.concatenate([np.empty(0), *map(run.times, there)]))
 
 
 def _planned(run: Recorded) -> Array:

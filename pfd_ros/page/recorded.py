@@ -12,7 +12,7 @@ clock, or else the stamp of the last state that was logged before it, plus the t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
-from pfd_ros.arm.events import ARRAY, INPUTS, NAMED, STATES, TRAJECTORY, TRUE_STATES
+from pfd_ros.arm.events import ARRAY, INPUTS, NAMED, REJECTED, STATES, TRAJECTORY, TRUE_STATES
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS, JOINT_UNITS
 from pfd_ros.messages.types import JOINT_STATE
@@ -98,6 +98,25 @@ class Recorded:
     def of_role(self, role: str) -> TopicArrays | None:
         """Return the messages of a role in a recording of ours, None without any."""
         return self._read.get(self._by_role.get(role, ''))
+
+    def accepted(self, role: str) -> Array:
+        """Return which messages of an input were not rejected, (N,) bool."""
+        found, rejected = self.of_role(role), self.of_role(REJECTED)
+        if found is None or found.cycle is None or rejected is None or rejected.cycle is None:
+            return np.ones(0 if found is None else len(found), bool)
+        of_role = [str(text).partition(' ')[0] == role for text in rejected.data]
+        return ~np.isin(found.cycle, rejected.cycle[of_role])
+
+    def accepted_times(self, role: str, words: Sequence[str] = ('',)) -> Array:
+        """Return their times on the page [s], (N,); of texts, those with one of the words."""
+        found = self.of_role(role)
+        if found is None:
+            return np.empty(0)
+        chosen = self.accepted(role)
+        if any(words):
+            chosen = chosen & [any(word in str(text) for word in words) for text in found.data]
+        times: Array = self.times(found)[chosen]
+        return times
 
     def topic_of(self, role: str) -> str:
         """Return the topic of a role in a recording of ours, '' without messages."""

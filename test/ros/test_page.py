@@ -254,6 +254,27 @@ def test_points_of_trajectories_are_drawn_up_to_the_next_and_feed_the_watchdog(
     assert 'shoulder: never commanded' not in page.html
 
 
+@pytest.mark.parametrize(
+    ('event', 'last'),
+    [
+        (trajectory(('nobody',), [0.2], positions=[[9.0]]), 0.401),
+        (named(['elbow'], [0.0], position=[0.0]), 0.101),
+        (placed(['elbow'], [0.1]), 0.101),
+        (request('reset'), 0.101),
+    ],
+    ids=['refused trajectory', 'command', 'jump', 'reset'],
+)
+def test_points_are_drawn_up_to_what_ends_their_trajectory(
+    event: Any, last: float, tmp_path: Path
+) -> None:
+    path = tmp_path / 'a.mcap'
+    plan = trajectory(('elbow',), [0.1, 0.3, 0.4], positions=[[0.1], [0.2], [0.3]])
+    simulate(path, 600, {1: [plan], 201: [event]}, servo_p=(4.0, 4.0))
+    (points,) = (x for x in shown(path).plots if x.title.startswith('commanded points'))
+    assert points.time[-1] == pytest.approx(last, abs=1e-6)
+    assert np.nanmax(points.values) < 1.0
+
+
 # Logs of other programs.
 
 

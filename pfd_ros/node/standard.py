@@ -15,6 +15,7 @@ import time
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.type_support import check_for_type_support
 
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import REQUESTS
@@ -39,6 +40,12 @@ def create_standard_services(
     try:
         from simulation_interfaces import msg, srv
     except ImportError:
+        return
+    try:
+        check_for_type_support(srv.GetSimulatorFeatures)
+    except Exception as error:  # of another program, or another version of Python
+        text = f'no standard services: simulation_interfaces cannot be used: {error}'
+        node.get_logger().warning(one_line(text))
         return
     result, states, stopped = msg.Result, msg.SimulationState, False
     requests: dict[int, tuple[str, ...]] = {

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable
 import importlib.util
 import json
+import os
 from pathlib import Path
 import time
 from typing import Any
@@ -14,7 +15,7 @@ from typing import Any
 from bridge import RecordedLog, decode_joints, decode_string, verify_log
 import numpy as np
 import pytest
-from ros_processes import MILLISECOND, Peer, Processes, call, stamp_ns, transition, trigger
+from ros_processes import MILLISECOND, NODE, Peer, Processes, call, stamp_ns, transition, trigger
 
 pytestmark = pytest.mark.ros
 
@@ -101,6 +102,22 @@ def test_without_the_package_a_node_has_its_own_services_only(
     assert not any('simulation' in name for name in names)
     assert 'simulation_interfaces' not in arm.text()
     arm.stop()
+
+
+def test_another_package_of_that_name_is_named_and_the_arm_works_without(
+    processes: Processes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = processes.folder / 'other' / 'simulation_interfaces'
+    package.mkdir(parents=True)
+    for name in ('__init__.py', 'msg.py', 'srv.py'):
+        (package / name).touch()
+    monkeypatch.setenv('PYTHONPATH', str(package.parent), prepend=os.pathsep)
+    arm = processes.python(*NODE, '--ros-args', *ARM)
+    arm.wait_for_text('until its first command')
+    found = [line for line in arm.text().splitlines() if 'simulation_interfaces' in line]
+    assert [line.startswith('[WARN]') for line in found] == [True]
+    arm.stop()
+    assert verify_log(processes.folder / 'arm.mcap').complete
 
 
 def test_an_arm_in_a_namespace_is_paused_stepped_reset_and_stopped_and_its_recording_verifies(

@@ -547,21 +547,6 @@ def test_the_impulse_of_a_brake_throws_a_joint_into_its_stop_and_the_stop_holds_
         np.testing.assert_allclose(sim.qd, [wanted, 0.0], rtol=IMPULSE, atol=0)
 
 
-def test_a_step_with_a_brake_that_closes_in_motion_has_the_derivative_of_its_impulse() -> None:
-    sim = pfd.Simulator(pfd.load_robot('planar2'), BRAKES)
-    x, brakes = np.array([0.1, 0.4, 0.3, 1.0, 0.5, 0.2]), [False, True]
-
-    def end(x: np.ndarray) -> np.ndarray:
-        sim.reset(x[:2], x[2:4])
-        sim.step(x[4:], brakes=brakes)
-        return np.concatenate([sim.q, sim.qd])
-
-    found = sim.linearize(x[:2], x[2:4], x[4:], brakes=brakes)
-    assert found.status.tolist() == ['moving', 'event']
-    differences = [(end(x + e) - end(x - e)) / 2e-6 for e in 1e-6 * np.eye(6)]
-    np.testing.assert_allclose(np.hstack(found), np.transpose(differences), rtol=0, atol=1e-8)
-
-
 CALLS: dict[str, Callable[[pfd.Scene, Any], Any]] = {
     'kernel': lambda scene, brakes: pfd.compile_kernel(PLANAR, scene=scene)(*AT, brakes=brakes),
     'forward_dynamics': lambda scene, brakes: pfd.forward_dynamics(

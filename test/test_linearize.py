@@ -70,7 +70,7 @@ def differences(
     return np.array(columns).T
 
 
-# A brake on a moving joint is an impact: it has tests of its own.
+# A brake on a moving joint is an impact: it has a test of its own.
 EFFECTS = {
     effect.name: [field.name for field in effect.fields]
     for effect in pfd.EFFECTS
@@ -131,14 +131,24 @@ def test_a_and_b_of_a_step_with_too_many_events_are_nan() -> None:
     assert np.isnan(np.hstack(sim.linearize([1e-10], [0.0], [0.0]))).all()
 
 
-def test_a_brake_hands_the_momentum_of_its_joint_to_one_that_friction_holds() -> None:
-    scene = pfd.Scene(brakes=True, friction=[20.0, 5.0])
+@pytest.mark.parametrize(
+    ('friction', 'at', 'status', 'most'),
+    [
+        # Friction holds the joint that takes the momentum.
+        ([20.0, 5.0], [[0.3, 0.4], [0.0, 0.0], [0.0, 0.0]], ['held', 'held'], DIFFERENCES),
+        # A brake that closes on a moving joint.
+        (None, [[0.1, 0.4], [0.3, 1.0], [0.5, 0.2]], ['moving', 'event'], 1e-8),
+    ],
+)
+def test_a_step_with_a_brake_has_the_derivative_of_the_brakes_impulse(
+    friction: list[float] | None, at: list[list[float]], status: list[str], most: float
+) -> None:
+    scene, brakes = pfd.Scene(brakes=True, friction=friction), [False, True]
     sim = pfd.Simulator(pfd.load_robot('planar2'), scene, integrator='rk4')
-    q, rest, brakes = np.array([0.3, 0.4]), np.zeros(2), [False, True]
-    found = sim.linearize(q, rest, rest, brakes=brakes)
-    assert found.status.tolist() == ['held', 'held']
-    wanted = differences(sim, [q, rest, rest], brakes=brakes)
-    np.testing.assert_allclose(np.hstack(found), wanted, rtol=0, atol=DIFFERENCES)
+    found = sim.linearize(*at, brakes=brakes)
+    assert found.status.tolist() == status
+    wanted = differences(sim, [np.array(x) for x in at], brakes=brakes)
+    np.testing.assert_allclose(np.hstack(found), wanted, rtol=0, atol=most)
 
 
 # A state without events.

@@ -20,7 +20,6 @@ from benchmarks import readme, timing
 from benchmarks.__main__ import PAGES, VERSION, Page, measured, page_named, rendered, stored
 from benchmarks.cases.problems import FORWARD, QUANTITIES, random_states
 from benchmarks.cases.robots import mechanism, robot
-from benchmarks.pages import speed
 from benchmarks.peers import native
 from benchmarks.peers.casadi import casadi_c, vector_casadi
 from benchmarks.peers.others import mujoco
@@ -212,12 +211,6 @@ def test_times_are_per_unit_and_a_machine_that_slows_down_does_not_change_their_
     peer, own = timing.take_turns(sides, 2, Pace(chunk=1e-9, turns=3, budget=1e9), clock)
     assert (peer.minimum, peer.median, peer.times) == (4.0, 32.0, 1.0)
     assert (own.minimum, own.median, own.times) == (1.0, 8.0, 4.0)
-
-
-def row(way: str, ns: float, work: str = speed.MANY, contents: str = 'C++ for any robot') -> Any:
-    head = {'robot': 'ur5', 'work': work, 'way': way, 'quantity': FORWARD}
-    times = {'minimum': ns * 1e-9, 'median': ns * 1e-9, 'times': 1 / ns}
-    return head | times | {'contents': contents}
 
 
 @pytest.mark.parametrize('path', readme.FILLED, ids=lambda path: path.name)

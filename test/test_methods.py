@@ -143,11 +143,6 @@ def test_fifty_digits_agree_with_those_of_pcrbm_and_measure_the_rounding(
     assert 0 < rounding < ACCELERATION * jacobi_condition(H) or n == 1
 
 
-def exact(values: Array) -> Array:
-    """Return multiples of 1/256: their products and sums are exact in float64."""
-    return np.round(np.asarray(values) * 256) / 256
-
-
 @pytest.mark.parametrize('method', pfd.METHODS)
 def test_an_inertia_that_is_not_positive_definite_and_nan_are_reported(method: str) -> None:
     def sound(found: dict[str, Array]) -> bool:

@@ -43,6 +43,8 @@ DISK_SECONDS = 30.0
 # Most bytes of messages that wait for the disk: about a minute of an arm at 1 kHz. Each message
 # counts with EACH_BYTES more, of the tuple and the bytes object that hold it.
 QUEUE_BYTES, EACH_BYTES = 1 << 26, 200
+# A run without real time waits while more of the queue is filled, and looks so often, s.
+BACKLOG, LOOK_SECONDS = 0.25, 0.002
 # Compressing a chunk of this size takes a millisecond, in which the arm does not step.
 CHUNK_BYTES = 1 << 18
 READABLE = '; the part written so far is readable'
@@ -125,6 +127,15 @@ class Recorder:
             self._bytes += size
         if self._bytes > QUEUE_BYTES:
             self.fail(TOO_SLOW)
+
+    def put_slowly(self, messages: Sequence[Message], stamp_ns: int) -> None:
+        """Record messages as `put`, and wait for a disk that is slower than the run."""
+        self.put(messages, stamp_ns)
+        until = time.monotonic() + DISK_SECONDS
+        while self.waiting_share > BACKLOG and not self.error:
+            time.sleep(LOOK_SECONDS)
+            if time.monotonic() > until:
+                self.fail(TOO_SLOW)
 
     @property
     def waiting_share(self) -> float:

@@ -17,7 +17,6 @@ from dataclasses import asdict, dataclass, field, fields, replace
 import os
 from pathlib import Path
 import tempfile
-import time
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -35,13 +34,7 @@ from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
 from pfd_ros.recording.arrays import LogArrays, read_log
 from pfd_ros.recording.format import LogError, OtherLogError, damage_named
 from pfd_ros.recording.log import Log
-from pfd_ros.recording.recorder import (
-    DISK_SECONDS,
-    TOO_SLOW,
-    Recorder,
-    topic_names,
-    totals_of,
-)
+from pfd_ros.recording.recorder import Recorder, topic_names, totals_of
 from pfd_ros.recording.topic_arrays import TopicArrays
 from pfd_ros.replay.bag_inputs import BagInputs
 from pfd_ros.replay.changed_settings import Changes, changed_arm, described_arm, read_changes
@@ -60,8 +53,6 @@ from pfd_ros.text import listed
 # A run has diverged beyond these: positions [rad or m], velocities [rad/s or m/s], efforts [N m
 # or N].
 THRESHOLDS = (1e-3, 1e-2, 1e-1)
-# Filled share of the recorder's queue above which the run waits.
-FULL = 0.25
 
 
 @dataclass(frozen=True)
@@ -393,12 +384,7 @@ def _recorded_run(
     first, whole = engine.stamp_ns, max(1.0, float(np.ptp(case.old.times_ns)))
 
     def put(messages: Sequence[Message], stamp_ns: int) -> None:
-        recorder.put(messages, stamp_ns)
-        until = time.monotonic() + DISK_SECONDS
-        while recorder.waiting_share > FULL and time.monotonic() < until:
-            time.sleep(0.01)
-        if recorder.waiting_share > FULL:
-            recorder.fail(TOO_SLOW)
+        recorder.put_slowly(messages, stamp_ns)
         if recorder.error:
             raise OSError(recorder.error)
         if progress is not None and engine.state.cycle % 1024 == 0:

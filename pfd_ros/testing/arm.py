@@ -13,11 +13,10 @@ threads. The same settings and controller give the same bits, here and over topi
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
+from itertools import chain
 import os
 from pathlib import Path
-import time
 from typing import Any, TypeAlias
 import warnings
 
@@ -25,19 +24,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import pfd_core as pfd
+from pfd_ros.arm import events
 from pfd_ros.arm.description import DescribedRobot, described_robot, with_start
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import (
-    ALL,
-    ASIDES,
-    PARAMETERS,
-    REJECTED_COUNTS,
-    REQUESTS,
-    SET_STATE,
-    WRENCH,
-    Message,
-    Verdict,
-)
+from pfd_ros.arm.events import Message, Verdict
 from pfd_ros.arm.other_inputs import encode_changes, encode_request
 from pfd_ros.arm.plant import with_scene_text
 from pfd_ros.arm.settings import FIELDS, Settings, split_joints, with_joint_numbers
@@ -48,6 +38,7 @@ from pfd_ros.messages.numbers import encode_numbers
 from pfd_ros.messages.types import WRENCH as WRENCH_STAMPED
 from pfd_ros.motion.metrics import Array
 from pfd_ros.recording.recorder import Recorder, topic_names, totals_of
+from pfd_ros.replay.inputs import Input, run_inputs
 from pfd_ros.testing.callback import CallbackLink, Controller
 from pfd_ros.testing.loop import ArmError, checked_reasons, run, seconds_of
 from pfd_ros.testing.patience import PATIENCE_SECONDS, START_PATIENCE_SECONDS
@@ -65,8 +56,6 @@ FIXED: Mapping[str, Any] = {
 }
 # Inputs that are kept to run again after a failure, some hundred bytes each.
 MOST_INPUTS = 400_000
-# The loop is faster than a disk: how full the recorder's queue may be, and how long to wait, s.
-BACKLOG_LIMIT, DISK_SECONDS = 0.25, 0.002
 
 
 class RecordingError(Exception):
@@ -95,12 +84,8 @@ class LockstepArm:
     period
         The control period, s of simulated time.
 
-    Raises
-    ------
-    ValueError
-        If a setting is not known or refused, or has another value in tests.
-    OSError
-        If the recording exists or cannot be written.
+    ValueError for a setting that is unknown, refused, or has another value in tests; OSError if
+    the recording exists or cannot be written.
     """
 
     def __init__(
@@ -132,8 +117,9 @@ class LockstepArm:
         if not settings.recording:
             return Engine(settings, self.robot, roles)
         frames = self._described.recorded_frames(settings, warnings.warn)
-        engine = Engine(settings, self.robot, ALL, frames)
-        recorded = {*ALL - ASIDES, REJECTED_COUNTS, *(frames.roles if frames else ())}
+        engine = Engine(settings, self.robot, events.ALL, frames)
+        recorded = {*events.ALL - events.ASIDES, events.REJECTED_COUNTS}
+        recorded |= {*frames.roles} if frames else set()
         self._log = Recorder(settings.recording, engine, topic_names(recorded), lambda line: None)
         if frames is not None:
             self._log.put(frames.opening(engine.stamp_ns), engine.stamp_ns)
@@ -148,13 +134,7 @@ class LockstepArm:
         self.close()
 
     def close(self) -> None:
-        """Close the recording, if there is one; later messages are not recorded.
-
-        Raises
-        ------
-        RecordingError
-            If the file does not hold everything.
-        """
+        """Close the recording, if any; RecordingError if the file does not hold everything."""
         log, self._log = self._log, None
         if log is not None:
             log.put(self.engine.counts(), self.engine.stamp_ns)
@@ -193,13 +173,9 @@ class LockstepArm:
             Longest wall time of one call, s; infinite for a debugger. It works in the main thread,
             and interrupts Python code that waits.
 
-        Raises
-        ------
-        ControllerError
-            If the controller raises, blocks, or returns anything but a finite effort for each
-            joint. The arm then keeps the state passed to the controller.
-        ArmError
-            If the state does not stay finite.
+        ControllerError if the controller raises, blocks, or returns anything but a finite effort
+        for each joint: the arm keeps the state passed to it. ArmError if the state does not stay
+        finite.
         """
         with CallbackLink(controller, self.names, patience) as link:
             return run(self, link, seconds)
@@ -221,8 +197,6 @@ class LockstepArm:
 
         Parameters
         ----------
-        seconds
-            As for `run`.
         controllers
             rclpy nodes of this process, which are run meanwhile, and processes that the fixture
             `controller_process` started, whose end ends the run. Nodes elsewhere in the domain are
@@ -237,21 +211,15 @@ class LockstepArm:
             Reasons for which the arm may reject commands, of pfd_ros.testing.REASONS. 'all_nan'
             includes NaN by name for some joints, 'unknown_names' some unknown names.
 
-        Raises
-        ------
-        ControllerError
-            If a node of this process raises or blocks; RejectedError if the arm rejects a command
-            for another reason.
-        NoAnswerError
-            If nodes do not finish, command nothing, or end.
-        ArmError
-            If the state does not stay finite.
+        ControllerError if a node of this process raises or blocks; RejectedError if the arm
+        rejects a command for another reason; NoAnswerError if nodes do not finish, command
+        nothing, or end; ArmError if the state does not stay finite.
         """
         from pfd_ros.testing.nodes import node_link
 
         allowed = checked_reasons(allow_rejected)
         if not self.engine.roles:
-            state, self.engine = self.engine.save(), self._new_engine(ALL)
+            state, self.engine = self.engine.save(), self._new_engine(events.ALL)
             self.engine.restore(state)
         given = self._described, self.engine, self._ros_args, controllers, patience
         with node_link(*given) as link:
@@ -267,7 +235,7 @@ class LockstepArm:
         return zip(inputs, inputs, inputs, strict=True)
 
     def step(
-        self, events: Sequence[Any] = (), every: int = 1
+        self, commands: Sequence[Any] = (), every: int = 1
     ) -> tuple[list[Message], list[Verdict]]:
         """Take commands, role and bytes, and run to the next cycle that `every` divides.
 
@@ -277,9 +245,9 @@ class LockstepArm:
         engine, inputs = self.engine, self._inputs
         state = engine.state
         if len(inputs) < 3 * MOST_INPUTS:
-            for role, data in events:
+            for role, data in commands:
                 inputs += (state.cycle, role, data)
-        messages, verdicts = engine.step(events)
+        messages, verdicts = engine.step(commands)
         while state.cycle % every:
             messages += engine.step()[0]
         self._record(messages)
@@ -289,9 +257,7 @@ class LockstepArm:
 
     def _record(self, messages: list[Message]) -> None:
         if self._log is not None:
-            self._log.put(messages, self.engine.stamp_ns)
-            while self._log.waiting_share > BACKLOG_LIMIT:
-                time.sleep(DISK_SECONDS)
+            self._log.put_slowly(messages, self.engine.stamp_ns)
 
     def _demand(self, role: str, data: bytes) -> None:
         """Send a message that the next cycle takes; ValueError if the arm does not accept it."""
@@ -305,26 +271,18 @@ class LockstepArm:
 
     def reset(self) -> None:
         """Restore the initial state, braked until the next command; simulated time continues."""
-        self._demand(REQUESTS, encode_request('reset'))
+        self._demand(events.REQUESTS, encode_request('reset'))
         self.step()
 
     def set_state(self, q: JointValues, qd: JointValues | None = None) -> None:
-        """Set the state; it takes one step.
+        """Set positions and velocities (n,), or by joint name; it takes one step.
 
-        Parameters
-        ----------
-        q, qd
-            Positions and velocities (n,), or by joint name; joints without a position keep
-            theirs, and joints without a velocity are at rest.
-
-        Raises
-        ------
-        ValueError
-            If the state is invalid.
+        Joints without a position keep theirs, and joints without a velocity are at rest.
+        ValueError if the state is invalid.
         """
         positions = _by_joint(self.names, 'q', q)
         velocities = _by_joint(self.names, 'qd', {} if qd is None else qd)
-        self._demand(SET_STATE, encode_joints(self.names, positions, velocities))
+        self._demand(events.SET_STATE, encode_joints(self.names, positions, velocities))
         self.step()
 
     def push(self, force: Sequence[float], torque: Sequence[float], frame: str = '') -> None:
@@ -335,14 +293,14 @@ class LockstepArm:
         ends them.
         """
         wrench = np.array([force, torque], np.float64).ravel()
-        self._demand(WRENCH, encode_numbers(WRENCH_STAMPED, 0, frame or self.robot.tip, wrench))
+        frame = frame or self.robot.tip
+        self._demand(events.WRENCH, encode_numbers(WRENCH_STAMPED, 0, frame, wrench))
 
     def set(self, **values: Any) -> None:
         """Change dynamic settings from the next step on; ValueError if one is invalid."""
         _check_names(values)
-        self._demand(
-            PARAMETERS, encode_changes({name: _plain(value) for name, value in values.items()})
-        )
+        plain = {name: _plain(value) for name, value in values.items()}
+        self._demand(events.PARAMETERS, encode_changes(plain))
         self.settings = self.engine.state.settings
 
     def save(self) -> State:
@@ -355,11 +313,8 @@ class LockstepArm:
     def restore(self, state: State) -> None:
         """Continue from a saved state, of this arm or another one with the same settings.
 
-        Raises
-        ------
-        ValueError
-            If the state is of another robot, or of an arm with other settings at its start; or if
-            the run is recorded, as a recording holds one run.
+        ValueError for a state of another robot or with other settings at its start, and in a
+        recorded run, as a recording holds one run.
         """
         if self._log is not None:
             raise ValueError(
@@ -386,16 +341,9 @@ class LockstepArm:
         with again:
             if self.start is not None:
                 again.engine.restore(self.start)
-            state = again.engine.state
-            # It may end in a failure, as the first arm did.
-            with suppress(ArmError):
-                for cycles, role, data in self.inputs:
-                    while state.cycle < cycles:
-                        again.step()
-                    with suppress(ValueError):  # refused, as by the first arm
-                        again._demand(role, data)
-                while state.cycle < self.engine.state.cycle:
-                    again.step()
+            inputs = (Input(Message(role, data), at + 1) for at, role, data in self.inputs)
+            every = chain(inputs, [Input(None, self.engine.state.cycle + 1)])
+            run_inputs(every, again.engine, lambda messages, _: again._record(messages))
         if again.q.tobytes() != self.q.tobytes():
             return 'the arm was run again, and its last state differs'
         if self.start is not None:
@@ -404,13 +352,7 @@ class LockstepArm:
 
 
 def _described(robot: Any, given: Mapping[str, Any]) -> DescribedRobot:
-    """Return robot and settings of an arm in tests: the first stamp is one step above zero.
-
-    Raises
-    ------
-    ValueError
-        If a value is refused, or a test has another one.
-    """
+    """Return robot and settings of an arm in tests: the first stamp is one step above zero."""
     plain, numbers = split_joints(given)
     _check_names({**plain, **numbers})
     for name, value in FIXED.items():
@@ -453,13 +395,7 @@ def _plain(value: Any) -> Any:
 
 
 def _by_joint(names: Sequence[str], label: str, values: JointValues) -> Array:
-    """Return a number for each joint (n,), NaN for joints without one.
-
-    Raises
-    ------
-    ValueError
-        If there are more or fewer, or a name is not one of `names`.
-    """
+    """Return a number for each joint (n,), NaN for joints without one; ValueError for others."""
     if not isinstance(values, Mapping):
         array = np.asarray(values, np.float64)
         if array.shape != (len(names),):

@@ -82,6 +82,16 @@ def test_restored(sim_arm):
     arm.run(controller, 0.02)
     raise RuntimeError
 
+def test_caught(sim_arm):
+    from pfd_ros.testing import ArmError
+    arm = sim_arm(robot='planar2', joint_damping=[1e6, 1e6], integrator='rk4')
+    with pytest.raises(ArmError):
+        arm.run(controller, 0.05)
+    arm.reset()
+    with pytest.raises(ArmError):
+        arm.run(controller, 0.05)
+    raise RuntimeError
+
 def test_passes(sim_arm):
     sim_arm(robot='planar2').run(controller, 0.02)
     assert 'rclpy' not in sys.modules
@@ -94,7 +104,7 @@ def test_xfail(sim_arm):
 def test_no_arm(sim_arm):
     raise RuntimeError
 """
-FAILING = ('settles', 'own_assertion', 'two_arms', 'nan', 'recorded', 'restored')
+FAILING = ('settles', 'own_assertion', 'two_arms', 'nan', 'recorded', 'caught', 'restored')
 NODES = """
 import os, signal, sys
 import numpy as np
@@ -213,6 +223,7 @@ def test_failing_tests_with_arms_leave_a_folder_that_the_report_names(
         assert f'recording  {place(folder, name)}/{arm}.mcap' in text
         assert f'page       {place(folder, name)}/{arm}.html' in text
     assert 'not written' not in text
+    assert 'its last state differs' not in text
 
 
 def test_the_recording_is_the_run_that_failed_bit_for_bit(failed: tuple[Path, str]) -> None:
@@ -223,7 +234,7 @@ def test_the_recording_is_the_run_that_failed_bit_for_bit(failed: tuple[Path, st
     assert recorded[-len(run) : -1].tobytes() == run[1:].tobytes()
 
 
-@pytest.mark.parametrize('name', FAILING[:5])
+@pytest.mark.parametrize('name', FAILING[:6])
 def test_recordings_of_failed_runs_verify(
     failed: tuple[Path, str], name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

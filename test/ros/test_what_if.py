@@ -512,7 +512,7 @@ def test_an_interruption_leaves_no_file_and_a_disk_that_hangs_what_is_written(
         what_if(swing, ['step_size=0.0001'], progress=stop)
     assert list(Path().iterdir()) == []
     monkeypatch.setattr(LogRecorder, 'waiting_share', 1.0)
-    monkeypatch.setattr('pfd_ros.replay.what_if.DISK_SECONDS', 0.05)
+    monkeypatch.setattr('pfd_ros.recording.recorder.DISK_SECONDS', 0.05)
     with pytest.raises(OSError, match=r'swing_what_if\.mcap stopped: the disk is too slow'):
         what_if(swing)
     assert not verify_log(Path('swing_what_if.mcap')).complete

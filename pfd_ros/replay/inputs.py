@@ -84,30 +84,71 @@ class Run:
             )
 
 
-def run_inputs(
-    inputs: Iterable[Input],
-    engine: Engine,
-    put: Put,
-) -> Run:
-    """Run an arm before its first cycle under inputs in the order of their cycles, to their end.
+class Fed:
+    """An arm before its first cycle that takes inputs in the order of their cycles.
 
-    `put` is called with the messages of each step and the simulated time after it, ns.
+    `put` is called with the messages of each step and the simulated time after it, ns; `found`
+    has what the arm did.
     """
-    found, waiting, state = Run(), list[Message](), engine.state
-    for message, cycle, broke in inputs:
+
+    def __init__(self, inputs: Iterable[Input], engine: Engine, put: Put) -> None:
+        self.found, self._engine, self._put = Run(), engine, put
+        self._inputs = iter(inputs)
+        self._next = next(self._inputs)
+
+    @property
+    def ended(self) -> bool:
+        """Whether the log has no more inputs, and nothing that the arm does without them."""
+        engine, (message, cycle, _) = self._engine, self._next
+        return message is None and (engine.waiting or engine.state.cycle >= cycle - 1)
+
+    def cycle(
+        self, commands: Sequence[Message] | None = None
+    ) -> tuple[list[Message], list[Verdict]]:
+        """Take the inputs of the next cycle and run it, unless the arm waits.
+
+        `commands` take the place of those of the log. Return the messages of the cycle, and a
+        verdict on each command.
+        """
+        engine, state, found = self._engine, self._engine.state, self.found
+        cycle, messages, verdicts = state.cycle + 1, list[Message](), list[Verdict]()
+        for message, broke in self._due(cycle, commands):
+            taken, (verdict,) = engine.step([message], run=False)
+            messages += taken
+            found.count(message.role, verdict, cycle, broke)
+            if message.role in events.COMMANDS:
+                verdicts.append(verdict)
+        messages += engine.step(run=not self.ended)[0]
+        self._put(messages, engine.stamp_ns)
+        if state.failure and not found.failure:
+            found.failure, found.failed_ns = state.failure, engine.stamp_ns
+        return messages, verdicts
+
+    def _due(
+        self, cycle: int, commands: Sequence[Message] | None
+    ) -> Iterator[tuple[Message, str]]:
+        """Yield the inputs of a cycle, each with the rule that it broke before."""
+        left = [(each, '') for each in commands or ()]
         # An arm that waits takes the next input at once.
-        while state.cycle < cycle - 1 and not engine.waiting:
-            put([*waiting, *engine.step()[0]], engine.stamp_ns)
-            waiting.clear()
-            if state.failure and not found.failure:
-                found.failure, found.failed_ns = state.failure, engine.stamp_ns
-        if message is None:
-            break
-        messages, (verdict,) = engine.step([message], run=False)
-        waiting += messages
-        found.count(message.role, verdict, state.cycle + 1, broke)
-    put([*waiting, *engine.counts()], engine.stamp_ns)
-    return found
+        while self._next.message and (self._next.cycle <= cycle or self._engine.waiting):
+            message, _, broke = self._next
+            if commands is None or message.role not in events.COMMANDS:
+                yield message, broke
+            else:
+                yield from left
+                left = []
+            # It may depend on what the last one changed.
+            self._next = next(self._inputs)
+        yield from left
+
+
+def run_inputs(inputs: Iterable[Input], engine: Engine, put: Put) -> Run:
+    """Run an arm before its first cycle under inputs, as `Fed` takes them, to their end."""
+    fed = Fed(inputs, engine, put)
+    while not fed.ended:
+        fed.cycle()
+    put(engine.counts(), engine.stamp_ns)
+    return fed.found
 
 
 def one_bit(q: NDArray[Any]) -> NDArray[Any]:

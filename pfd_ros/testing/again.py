@@ -36,7 +36,7 @@ from pfd_ros.page.page import TYPES, faults
 from pfd_ros.page.recorded import Recorded
 from pfd_ros.recording.arrays import read_log
 from pfd_ros.recording.format import LogError
-from pfd_ros.replay.inputs import Put, Run
+from pfd_ros.replay.inputs import Fed, Put, Run
 from pfd_ros.replay.what_if import Case, Drive, what_if
 from pfd_ros.testing.callback import CallbackLink, Controller
 from pfd_ros.testing.loop import ArmError, Command, ControllerError, Link, NoAnswerError, run
@@ -54,11 +54,11 @@ class _LoggedArm:
     """An arm for the loop that takes the inputs of a log, but the commands of a controller."""
 
     def __init__(self, case: Case, engine: Engine, put: Put) -> None:
-        self.engine, self.robot, self.names, self.found = engine, engine.robot, engine.names, Run()
+        self.engine, self.robot, self.names = engine, engine.robot, engine.names
         settings = engine.state.first
         self.period = settings.publish_every * settings.step_ns / NANOSECONDS
-        self._put, self._inputs = put, iter(case.inputs(engine))
-        self._next = next(self._inputs)
+        self._fed = Fed(case.inputs(engine), engine, put)
+        self.found = self._fed.found
         # Cycles with commands that the arm accepted, and those that only set the arm; why it
         # rejected other commands, which is no error now; its last cycle.
         self.commanded, self.alone, self.rejected = list[int](), set[int](), {'refused'}
@@ -94,35 +94,13 @@ class _LoggedArm:
         return messages, verdicts
 
     def _cycle(self, commands: Sequence[Command] = ()) -> tuple[list[Message], list[Verdict]]:
-        """Take the inputs of the next cycle, and the commands in the place of those of the log."""
-        engine, state, verdicts = self.engine, self.engine.state, list[Verdict]()
-        cycle, messages = state.cycle + 1, list[Message]()
-
-        def take(inputs: Sequence[Message], broke: str = '') -> list[Verdict]:
-            taken, found = engine.step(inputs, run=False)
-            messages.extend(taken)
-            for each, verdict in zip(inputs, found, strict=True):
-                self.found.count(each.role, verdict, cycle, broke)
-            return found
-
-        waiting = [Message(*each) for each in commands]
-        # An arm that waits takes the next input at once.
-        while self._next.message and (self._next.cycle <= cycle or engine.waiting):
-            message, broke = self._next.message, self._next.broke
-            self._next = next(self._inputs)
-            if message.role in COMMANDS:
-                verdicts += take(waiting)
-                waiting.clear()
-            else:
-                take([message], broke)
-        verdicts += take(waiting)
-        messages += engine.step()[0]
-        self._put(messages, engine.stamp_ns)
+        state = self.engine.state
+        cycle, found = state.cycle + 1, self._fed.cycle([Message(*each) for each in commands])
         if state.failure:
             raise ArmError(state.failure)
         if state.cycle < cycle:
             raise _OverError  # a pause or a clock of the log holds the arm to the end
-        return messages, verdicts
+        return found
 
 
 def closed_loop(controller: Controller | str = '', process: str = '') -> Drive:
@@ -154,10 +132,8 @@ def closed_loop(controller: Controller | str = '', process: str = '') -> Drive:
             with link_of(case, engine) as link:
                 notes = link.notes
                 run(arm, link, left + (len(arm.alone) + 1) * arm.period, arm.rejected)
-        except _OverError:
+        except (_OverError, ArmError):
             pass
-        except ArmError as error:
-            found.failure, found.failed_ns = str(error), engine.stamp_ns
         except (ControllerError, NoAnswerError) as error:
             found.failure, found.failed_ns = one_line(error), engine.stamp_ns
             found.error = error

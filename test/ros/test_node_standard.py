@@ -12,10 +12,14 @@ from pathlib import Path
 import time
 from typing import Any
 
-from bridge import RecordedLog, decode_joints, decode_string, verify_log
 import numpy as np
 import pytest
 from ros_processes import MILLISECOND, NODE, Peer, Processes, call, stamp_ns, transition, trigger
+
+from pfd_ros.messages.joints import decode_joints
+from pfd_ros.messages.text_and_arrays import decode_string
+from pfd_ros.recording.log import Log as RecordedLog
+from pfd_ros.replay.verify import verify as verify_log
 
 pytestmark = pytest.mark.ros
 

@@ -27,7 +27,7 @@ from pfd_ros.messages.joints import JOINT_FIELDS, JOINT_UNITS
 from pfd_ros.messages.types import JOINT_STATE
 from pfd_ros.recording.arrays import LogArrays
 from pfd_ros.recording.topic_arrays import TopicArrays
-from pfd_ros.text import cut, one_line
+from pfd_ros.text import cut, listed, one_line
 
 Array: TypeAlias = NDArray[Any]
 # Stamps so close to those of the states are of the same clock [ns].
@@ -78,6 +78,7 @@ class Recorded:
         self.origin_ns = first if first > LATEST_START else 0
         self.joints = () if states is None else tuple(self._by_publisher(states))
         self.names = tuple(name for joints in self.joints for name in joints.names)
+        self.notes |= dict.fromkeys(self._without_limits())
         # Efforts that have limits, where those of the states are torques with gravity or currents.
         self.drives: tuple[Joints, ...] = ()
         if self.settings.get('state_effort', COMMAND) != COMMAND:
@@ -226,6 +227,20 @@ class Recorded:
                 {item: pair[:, taken] for item, pair in bounds.items()},
                 self._period(time),
             )
+
+    def _without_limits(self) -> Iterator[str]:
+        """Yield lines on joints and efforts of a log for which a robot gives limits in vain."""
+        robot = self.robot
+        others = [name for name in self.names if robot and name not in robot.joint_names]
+        if robot and others and self.log.robot is None:
+            known = f'joints of {cut(robot.name)} are {listed(robot.joint_names)}'
+            yield one_line(f'no limits of {listed(others)}: {known}')
+        for joints in self.joints:
+            limited = np.isfinite(joints.bounds['effort']).any(axis=0)
+            without = np.isnan(joints.values['effort']).all(axis=0) & limited
+            if without.any():
+                names = [joints.names[j] for j in np.flatnonzero(without)]
+                yield one_line(f'no efforts of {listed(names)}: their limits are not checked')
 
     def _commanded_efforts(self) -> Iterator[Joints]:
         """Yield the efforts of the motors, from true_states; note if a recording has none."""

@@ -95,7 +95,8 @@ def write_test(run: Recorded, file: Path, controller: str = '', robot: str = '')
         raise FileExistsError(f'{file} exists and is not overwritten; name another file')
     found = [x for x in faults(run) if x.severity != NOTE or ASSERTIONS[x.kind].code]
     if not found:
-        raise LogError(f'{log}: nothing went wrong, so there is no finding to test')
+        notes = ''.join(f'; {note}' for note in run.notes)
+        raise LogError(f'{log}: nothing went wrong, so there is no finding to test{notes}')
     first = found[0]
     joint = f'{first.joint}: ' if first.joint else ''
     said = one_line(f't = {first.time:.3f} s, {first.kind}: {joint}{first.text}')

@@ -369,6 +369,17 @@ def test_the_robot_of_another_log_gives_its_limits(tmp_path: Path) -> None:
     assert bounds.tolist() == [(-robot.velocity_limit).tolist(), robot.velocity_limit.tolist()]
 
 
+def test_limits_that_a_log_has_no_numbers_for_are_named(tmp_path: Path) -> None:
+    robot = pfd.load_robot('ur5')
+    other = write_bag(tmp_path / 'a.mcap', states(['a', *UR5[:5]], TIMES))
+    (note,) = (x for x in shown(other, robot=robot).notes if 'limits' in x)
+    assert note.startswith("no limits of ['a']: joints of ur5 are ['shoulder_pan_joint'")
+    rows = states(UR5, TIMES)
+    bare = [(topic, t, {**given, 'effort': []}) for topic, t, given in rows]
+    (note,) = (x for x in shown(write_bag(tmp_path / 'b.mcap', bare), robot=robot).notes)
+    assert note.startswith("no efforts of ['shoulder_pan_joint'")
+
+
 def test_infinite_states_are_found(tmp_path: Path) -> None:
     rows = states(['a', 'b'], TIMES)
     rows[70][2]['velocity'][1] = np.inf

@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 import copy
 from dataclasses import FrozenInstanceError, fields, replace
-import os
 from pathlib import Path
 import pickle
 import re
@@ -32,7 +31,6 @@ from zoo import (
 
 import pfd_core as pfd
 from pfd_core.machine.emulator import run as run_program
-from pfd_core.model.loading import LARGEST_FILE as LARGEST_MODEL_FILE
 from pfd_core.model.plant import resolve as resolve_plant
 from pfd_core.model.robot import Frame
 from pfd_core.model.rotors import SPIN_UP_TIME
@@ -529,54 +527,6 @@ def changed(old: str, new: str) -> str:
 def test_a_wrong_file_is_refused_and_the_key_named(text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         pfd.load_robot(text)
-
-
-def test_missing_and_wrong_files_are_named(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"no robot file '.*arm\.urdf'"):
-        pfd.load_robot(tmp_path / 'arm.urdf')
-    with pytest.raises(ValueError, match=r"no robot file 'arm\.yaml'"):
-        pfd.load_robot('arm.yaml')
-    known = re.escape(', '.join(pfd.known_robots()))
-    with pytest.raises(ValueError, match=f"unknown robot 'puma': known are {known}"):
-        pfd.load_robot('puma')
-    with pytest.raises(ValueError, match="tip='wrist' cannot be chosen for 'ur5'"):
-        pfd.load_robot('ur5', tip='wrist')
-    (tmp_path / 'arm.yaml').write_bytes(b'\xff\xfe\x00')
-    with pytest.raises(ValueError, match='cannot read'):
-        pfd.load_robot(tmp_path / 'arm.yaml')
-    with pytest.raises(ValueError, match='source must be a name, a path or a string, got 3'):
-        pfd.load_robot(3)
-
-
-def test_a_path_that_is_no_regular_file_is_refused_at_once(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / 'pipe.urdf')
-    (tmp_path / 'folder.yaml').mkdir()
-    (tmp_path / 'zero.urdf').symlink_to('/dev/zero')
-    for name in ('pipe.urdf', 'folder.yaml', 'zero.urdf'):
-        with pytest.raises(ValueError, match=rf'cannot read .*{name}.: it is not a regular file'):
-            pfd.load_robot(tmp_path / name)
-        with pytest.raises(ValueError, match='it is not a regular file'):
-            pfd.load_robot(str(tmp_path / name))
-    with open(tmp_path / 'huge.urdf', 'wb') as file:
-        file.truncate(LARGEST_MODEL_FILE + 1)
-    with pytest.raises(ValueError, match=r'cannot read .*huge\.urdf.: it is larger than'):
-        pfd.load_robot(tmp_path / 'huge.urdf')
-
-
-@pytest.mark.parametrize('source', ['x' * 1_000_000, 'zero\0.urdf', 'a/' * 5000, b'ur5', '\ud800'])
-def test_a_name_that_no_file_can_have_is_refused_in_a_short_line(source: object) -> None:
-    with pytest.raises(ValueError, match=r'unknown robot|no robot file|source must be') as caught:
-        pfd.load_robot(source)
-    assert len(str(caught.value)) < 1000
-
-
-def test_a_mark_of_byte_order_states_the_encoding_and_is_no_part_of_a_file(
-    tmp_path: Path,
-) -> None:
-    for name, text in (('two.yaml', ROWS), ('odd.urdf', ODD_ARM)):
-        for encoding in ('utf-8', 'utf-16-le', 'utf-16-be', 'utf-32-le', 'utf-32-be'):
-            (tmp_path / name).write_text('\ufeff' + text, encoding=encoding)
-            assert pfd.load_robot(tmp_path / name) == pfd.load_robot(text)
 
 
 def nested(levels: int) -> str:

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""URDF and xacro: as Pinocchio reads them, refused by name, written and read again."""
+"""URDFs: as Pinocchio reads them, trees and rotors, refused by name, written and read again."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ import ast
 from collections.abc import Mapping
 from pathlib import Path
 import re
-import sys
-from typing import Any
 
 import numpy as np
 from oracle import DYNAMICS, assert_same_physics, positions_in, relative
@@ -640,58 +638,6 @@ def test_a_massless_link_within_the_chain_is_loaded_and_warned_of() -> None:
         pfd.load_robot(re.sub('<link name="arm">.*</link>', '<link name="arm"/>', explicit))
 
 
-DECLARED = (
-    '<?xml version="1.0" encoding="{}"?>\n<!-- {} -->\n' + ODD_ARM[ODD_ARM.index('<robot') :]
-)
-
-
-@pytest.mark.parametrize(
-    ('encoding', 'word'),
-    [
-        *(('UTF-8', '\u673a\u68b0\u81c2'), ('iso-8859-1', 'bras \xe0 un axe')),
-        *(('GB2312', '\u673a\u68b0\u81c2'), ('Shift_JIS', '\u8155'), ('windows-1252', '\u20ac')),
-        *(('UTF-16', '\u673a\u68b0\u81c2'), ('utf-32', 'arm'), ('us-ascii', 'arm')),
-    ],
-)
-def test_a_file_is_read_in_the_encoding_that_it_declares(
-    tmp_path: Path, encoding: str, word: str
-) -> None:
-    path = tmp_path / 'arm.urdf'
-    path.write_bytes(DECLARED.format(encoding, word).encode(encoding))
-    assert pfd.load_robot(path) == pfd.load_robot(ODD_ARM)
-    # xacro itself reads files in the encoding of the locale.
-    macros = tmp_path / 'arm.urdf.xacro'
-    macros.write_bytes(path.read_bytes())
-    assert pfd.load_robot(macros) == pfd.load_robot(ODD_ARM)
-    # The text is published, and written by others in UTF-8.
-    text = pfd.urdf_of(path)
-    assert word in text
-    path.write_text(text, encoding='utf-8')
-    assert pin.buildModelFromUrdf(str(path)).njoints == 7
-
-
-@pytest.mark.parametrize(
-    ('encoding', 'message'),
-    [
-        ('utf-8', r"arm\.urdf', line 2: 'utf-8' codec can't decode byte 0xe0"),
-        ('GB2312', r"arm\.urdf', line 2: 'gb2312' codec can't decode"),
-        *(
-            (name, f', line 1: unknown encoding: {name}')
-            for name in ('klingon', 'punycode', 'utf-7')
-        ),
-        ('base64', "'base64' is not a text encoding"),
-    ],
-)
-def test_a_wrong_encoding_is_refused_and_named(
-    tmp_path: Path, encoding: str, message: str
-) -> None:
-    path = tmp_path / 'arm.urdf'
-    path.write_bytes(DECLARED.format(encoding, '\xe0').encode('latin-1'))
-    with pytest.raises(ValueError, match=message) as caught:
-        pfd.load_robot(path)
-    assert len(str(caught.value)) < 500
-
-
 def test_the_other_half_of_an_inertia_may_be_written_and_must_be_the_same() -> None:
     inertia = 'ixx="0.1" ixy="0.01" ixz="-0.02" iyy="0.2" iyz="0.03" izz="0.25"'
     old = re.search(r'<inertia ([^/]*)/>', ODD_ARM[ODD_ARM.index('name="turret"') :])
@@ -779,13 +725,6 @@ def test_an_error_about_an_element_starts_with_its_file_and_line(
         with pytest.raises(ValueError, match=f'^{place}, line {number}: .*{words}') as caught:
             pfd.load_robot(source)
         assert '\n' not in str(caught.value)
-
-
-def test_an_error_in_an_expanded_xacro_starts_with_its_file_alone(tmp_path: Path) -> None:
-    path = tmp_path / 'arm.xacro'
-    path.write_text(LINED.replace('<mass value="1"/>', '<mass value="1,5"/>'))
-    with pytest.raises(ValueError, match=f"^{re.escape(str(path))}: <mass value> of link 'arm'"):
-        pfd.load_robot(path)
 
 
 def test_a_circle_of_mimics_is_named_wherever_it_is() -> None:
@@ -966,12 +905,6 @@ def test_bodies_as_long_as_the_arm_and_a_last_one_that_is_longer_are_not_warned_
         assert pfd.load_robot(text).n > 0
 
 
-def test_unexpanded_xacro_is_an_error_with_the_command_to_run() -> None:
-    text = NAMED.replace('<link name="base"/>', '<xacro:arm/><link name="base"/>')
-    with pytest.raises(ValueError, match=r'<xacro:arm>, which is not expanded: load the \.xacro'):
-        pfd.load_robot(text)
-
-
 ENDS, MOTOR = ('position_lower', 'position_upper'), ('velocity_limit', 'effort_limit')
 
 
@@ -1062,230 +995,3 @@ def test_a_robot_written_as_urdf_is_read_as_the_same_robot(robot: pfd.Robot) -> 
         np.testing.assert_allclose(
             found.frames[name].translation, frame.translation, atol=ROUNDING
         )
-
-
-INCLUDED = """
-<robot xmlns:xacro="http://www.ros.org/wiki/xacro">
-  <xacro:macro name="arm" params="name mass parent">
-    <link name="${name}"><inertial><origin xyz="0 0 ${length / 2}"/><mass value="${mass}"/>
-      <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>
-    <joint name="${name}_joint" type="revolute"><parent link="${parent}"/>
-      <child link="${name}"/><origin xyz="0 0 ${length}"/><axis xyz="0 1 0"/>
-      <limit lower="-3" upper="3" effort="9" velocity="9"/></joint>
-  </xacro:macro>
-</robot>
-"""
-XACRO_ARM = """
-<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">
-  <xacro:arg name="mass" default="2.5"/>
-  <xacro:property name="length" value="0.4"/>
-  <xacro:include filename="macros.xacro"/>
-  <link name="base"/>
-  <xacro:arm name="upper" mass="$(arg mass)" parent="base"/>
-  <xacro:arm name="lower" mass="${2 * 0.5}" parent="upper"/>
-</robot>
-"""
-EXPANDING = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
-
-
-def xacro_file(folder: Path, text: str) -> Path:
-    path = folder / 'arm.urdf.xacro'
-    path.write_text(text, encoding='utf-8')
-    return path
-
-
-def test_a_xacro_file_loads_with_its_includes_and_the_defaults_of_its_arguments(
-    tmp_path: Path,
-) -> None:
-    (tmp_path / 'macros.xacro').write_text(INCLUDED, encoding='utf-8')
-    path = xacro_file(tmp_path, XACRO_ARM)
-    robot = pfd.load_robot(path)
-    assert robot.joint_names == ('upper_joint', 'lower_joint')
-    assert robot.masses.tolist() == [2.5, 1.0]
-    # The frame of the robot has the joint's axis, here y, as its z.
-    assert sorted(robot.translations[0].tolist()) == [0.0, 0.0, 0.4]
-    assert robot.source == str(path)
-    urdf = pfd.read_urdf(path)
-    assert urdf is not None
-    # What is published is the expanded text.
-    assert urdf.text == pfd.urdf_of(path)
-    assert 'xacro:' not in urdf.text
-    assert pfd.load_robot(urdf) == robot
-
-
-@pytest.mark.parametrize(
-    ('inside', 'reason'),
-    [
-        ('<link name="${missing}"/>', "name 'missing' is not defined"),
-        ('<xacro:include filename="absent.xacro"/>', 'No such file'),
-        ('<xacro:unknown/>', 'unknown macro name: xacro:unknown'),
-        ('<link', 'ExpatError'),
-        (
-            '<xacro:macro name="a"><link name="b"/><xacro:a/></xacro:macro><xacro:a/>',
-            'RecursionError',
-        ),
-    ],
-)
-def test_a_file_that_xacro_cannot_expand_is_refused_with_its_reason(
-    tmp_path: Path, inside: str, reason: str
-) -> None:
-    path = xacro_file(tmp_path, f'<robot name="r" {EXPANDING}>{inside}</robot>')
-    with pytest.raises(ValueError, match=rf"xacro cannot expand '.*arm\.urdf\.xacro': .*{reason}"):
-        pfd.load_robot(path)
-
-
-PACKAGE = '<package format="3"><name> {} </name></package>'
-
-
-def checkout(folder: Path, *packages: str) -> None:
-    """Write packages whose folders do not have their names."""
-    for name in packages:
-        (folder / f'{name}_folder' / 'urdf').mkdir(parents=True)
-        (folder / f'{name}_folder' / 'package.xml').write_text(PACKAGE.format(name))
-
-
-def found_arm(folder: Path, find: str) -> Path:
-    """Return a file of package 'arm', whose included file of 'macros' includes one by `find`."""
-    macros = f'<robot {EXPANDING}><xacro:include filename="{find}/urdf/mass.xacro"/></robot>'
-    (folder / 'macros_folder/urdf/macros.xacro').write_text(macros)
-    text = XACRO_ARM.replace('"macros.xacro"', '"$(find macros)/urdf/macros.xacro"')
-    return xacro_file(folder / 'arm_folder' / 'urdf', text)
-
-
-@pytest.mark.parametrize('installed', [False, True], ids=['checkout', 'installed'])
-def test_xacro_finds_packages_installed_above_the_file_and_beside_its_package(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, installed: bool
-) -> None:
-    checkout(tmp_path / 'src' / 'vendor', 'arm', 'macros')
-    checkout(tmp_path / 'src' / 'other', 'masses')
-    path = found_arm(tmp_path / 'src' / 'vendor', '$(find masses)')
-    own = INCLUDED.replace('${mass}', '7')
-    (tmp_path / 'src/other/masses_folder/urdf/mass.xacro').write_text(own)
-    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path / 'install') if installed else '')
-    share = tmp_path / 'install' / 'share' / 'masses'
-    (share / 'urdf').mkdir(parents=True)
-    (share / 'package.xml').write_text(PACKAGE.format('masses'))
-    (share / 'urdf' / 'mass.xacro').write_text(INCLUDED)
-    assert pfd.load_robot(path).masses.tolist() == ([2.5, 1.0] if installed else [7.0, 7.0])
-
-
-def test_a_package_that_is_not_found_is_named_with_the_file_that_names_it(tmp_path: Path) -> None:
-    checkout(tmp_path, 'arm', 'macros')
-    path = found_arm(tmp_path, '$(find masses)')
-    # A folder of that name is no package, and a package.xml that is no XML no error.
-    (tmp_path / 'masses').mkdir()
-    (tmp_path / 'masses' / 'package.xml').write_text('masses')
-    inner = re.escape(str(tmp_path / 'macros_folder/urdf/macros.xacro'))
-    with pytest.raises(ValueError, match=rf"package 'masses' is not found: .*{inner}"):
-        pfd.load_robot(path)
-
-
-def test_arguments_of_a_xacro_file_replace_their_defaults(tmp_path: Path) -> None:
-    (tmp_path / 'macros.xacro').write_text(INCLUDED, encoding='utf-8')
-    path = xacro_file(tmp_path, XACRO_ARM)
-    for mass in ('4', 4, 4.0):
-        assert pfd.load_robot(path, xacro={'mass': mass}).masses.tolist() == [4.0, 1.0]
-    robot = pfd.load_robot(path, xacro={'mass': 4})
-    assert pfd.load_robot(pfd.urdf_of(path, {'mass': 4})).masses.tolist() == [4.0, 1.0]
-    assert pfd.load_robot(pfd.read_urdf(path, {'mass': 4})) == robot
-
-
-@pytest.mark.parametrize(
-    ('default', 'xacro', 'message'),
-    [
-        ('', {}, r"argument 'mass' has no value .*xacro=\{'mass': 'VALUE'\}"),
-        ('default="2"', {'mas': 1}, r"has no argument 'mas'; its arguments are 'mass:=2'"),
-        ('default="none"', {'mas': 1}, r"'mass:=none', 'mas' is none of them; give others by"),
-        ('default="2"', {'mass': None}, r"xacro\['mass'\] must be a text or a number, got None"),
-        ('default="2"', {'': 1}, 'names of arguments as keys'),
-        ('default="2"', 'mass:=1', "xacro must be a mapping, got 'mass:=1'"),
-    ],
-)
-def test_a_missing_and_an_unknown_argument_of_a_xacro_file_is_named(
-    tmp_path: Path, default: str, xacro: Any, message: str
-) -> None:
-    (tmp_path / 'macros.xacro').write_text(INCLUDED, encoding='utf-8')
-    declared = f'<xacro:arg name="mass" {default}/>' if default else ''
-    text = XACRO_ARM.replace('<xacro:arg name="mass" default="2.5"/>', declared)
-    path = xacro_file(tmp_path, text.replace('"$(arg mass)"', '"${1.0 * $(arg mass)}"'))
-    with pytest.raises(ValueError, match=message):
-        pfd.load_robot(path, xacro=xacro)
-
-
-@pytest.mark.parametrize(
-    ('name', 'macros', 'before'),
-    [
-        ('ARM.URDF', False, ''),
-        ('arm', False, '<!-- <sdf> --><?note <mujoco>?>\n'),
-        ('arm.yaml', False, '<?xml version="1.0"?>\n'),
-        ('arm.urdf', True, ''),
-        ('arm.XACRO', True, '<?xml version="1.0"?>\n'),
-        ('arm.txt', True, '\n'),
-    ],
-)
-def test_the_content_of_a_file_decides_what_it_is(
-    tmp_path: Path, name: str, macros: bool, before: str
-) -> None:
-    (tmp_path / 'macros.xacro').write_text(INCLUDED, encoding='utf-8')
-    arm = xacro_file(tmp_path, XACRO_ARM)
-    path = tmp_path / 'other' / name
-    path.parent.mkdir()
-    (path.parent / 'macros.xacro').write_text(INCLUDED, encoding='utf-8')
-    text = XACRO_ARM if macros else pfd.urdf_of(arm)
-    path.write_text(before + text[text.index('<robot') :])
-    assert pfd.load_robot(path) == pfd.load_robot(arm)
-
-
-@pytest.mark.parametrize(
-    ('text', 'words'),
-    [
-        ('<?xml version="1.0"?>\n<sdf version="1.9"/>', 'SDF'),
-        ('<!DOCTYPE html>\n<HTML lang="en"></HTML>', 'HTML'),
-        ('version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9', 'git lfs pull'),
-        (' \n', 'empty'),
-        ('<!--' * 20_000, 'not well-formed XML'),
-        ('<?a?>' * 20_000 + '<', 'not well-formed XML'),
-    ],
-)
-@pytest.mark.parametrize('name', ['arm.urdf', 'arm.xacro', 'arm.yaml', 'arm.sdf'])
-def test_a_file_of_another_kind_is_named(tmp_path: Path, name: str, text: str, words: str) -> None:
-    (tmp_path / name).write_text(text)
-    if name == 'arm.xacro':
-        words = f'{words}|xacro cannot expand'
-    with pytest.raises(ValueError, match=words) as caught:
-        pfd.load_robot(tmp_path / name)
-    assert name in str(caught.value)
-
-
-def test_arguments_of_xacro_for_another_source_are_refused() -> None:
-    for source in ('puma560', NAMED, pfd.read_urdf(NAMED)):
-        with pytest.raises(ValueError, match=r"xacro, 'mass', are for a xacro file"):
-            pfd.load_robot(source, xacro={'mass': 1})
-
-
-def test_the_cause_of_an_expansion_that_fails_is_whole(tmp_path: Path) -> None:
-    name = '/'.join(['folder'] * 60)
-    inside = f'<xacro:include filename="{name}.xacro"/>'
-    path = xacro_file(tmp_path, f'<robot name="r" {EXPANDING}>{inside}</robot>')
-    with pytest.raises(ValueError, match=f'{name}.xacro'):
-        pfd.load_robot(path)
-
-
-def test_time_and_length_of_an_expansion_are_bounded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = xacro_file(tmp_path, f'<robot name="${{\'a\' * 2**25}}" {EXPANDING}/>')
-    with pytest.raises(ValueError, match='characters, more than the 16777216 supported'):
-        pfd.load_robot(path)
-    monkeypatch.setattr('pfd_core.model.apart.SECONDS', 0.001)
-    with pytest.raises(ValueError, match=r'did not expand .* within 0\.001 s; it was stopped'):
-        pfd.load_robot(path)
-
-
-def test_without_the_package_a_xacro_file_is_refused_with_the_way_to_get_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, 'xacro', None)
-    path = xacro_file(tmp_path, XACRO_ARM)
-    with pytest.raises(ValueError, match=r'needs the package xacro, .*`pip install xacro`'):
-        pfd.load_robot(path)

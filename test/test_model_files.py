@@ -1,0 +1,357 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Files of robots: their paths, encodings and kinds; xacro files, their arguments and packages."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import re
+import sys
+from typing import Any
+
+import pinocchio as pin
+import pytest
+from zoo import ODD_ARM, ROWS
+
+import pfd_core as pfd
+from pfd_core.model.loading import LARGEST_FILE as LARGEST_MODEL_FILE
+
+
+def test_missing_and_wrong_files_are_named(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"no robot file '.*arm\.urdf'"):
+        pfd.load_robot(tmp_path / 'arm.urdf')
+    with pytest.raises(ValueError, match=r"no robot file 'arm\.yaml'"):
+        pfd.load_robot('arm.yaml')
+    known = re.escape(', '.join(pfd.known_robots()))
+    with pytest.raises(ValueError, match=f"unknown robot 'puma': known are {known}"):
+        pfd.load_robot('puma')
+    with pytest.raises(ValueError, match="tip='wrist' cannot be chosen for 'ur5'"):
+        pfd.load_robot('ur5', tip='wrist')
+    (tmp_path / 'arm.yaml').write_bytes(b'\xff\xfe\x00')
+    with pytest.raises(ValueError, match='cannot read'):
+        pfd.load_robot(tmp_path / 'arm.yaml')
+    with pytest.raises(ValueError, match='source must be a name, a path or a string, got 3'):
+        pfd.load_robot(3)
+
+
+def test_a_path_that_is_no_regular_file_is_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / 'pipe.urdf')
+    (tmp_path / 'folder.yaml').mkdir()
+    (tmp_path / 'zero.urdf').symlink_to('/dev/zero')
+    for name in ('pipe.urdf', 'folder.yaml', 'zero.urdf'):
+        with pytest.raises(ValueError, match=rf'cannot read .*{name}.: it is not a regular file'):
+            pfd.load_robot(tmp_path / name)
+        with pytest.raises(ValueError, match='it is not a regular file'):
+            pfd.load_robot(str(tmp_path / name))
+    with open(tmp_path / 'huge.urdf', 'wb') as file:
+        file.truncate(LARGEST_MODEL_FILE + 1)
+    with pytest.raises(ValueError, match=r'cannot read .*huge\.urdf.: it is larger than'):
+        pfd.load_robot(tmp_path / 'huge.urdf')
+
+
+@pytest.mark.parametrize('source', ['x' * 1_000_000, 'zero\0.urdf', 'a/' * 5000, b'ur5', '\ud800'])
+def test_a_name_that_no_file_can_have_is_refused_in_a_short_line(source: object) -> None:
+    with pytest.raises(ValueError, match=r'unknown robot|no robot file|source must be') as caught:
+        pfd.load_robot(source)
+    assert len(str(caught.value)) < 1000
+
+
+def test_a_mark_of_byte_order_states_the_encoding_and_is_no_part_of_a_file(
+    tmp_path: Path,
+) -> None:
+    for name, text in (('two.yaml', ROWS), ('odd.urdf', ODD_ARM)):
+        for encoding in ('utf-8', 'utf-16-le', 'utf-16-be', 'utf-32-le', 'utf-32-be'):
+            (tmp_path / name).write_text('\ufeff' + text, encoding=encoding)
+            assert pfd.load_robot(tmp_path / name) == pfd.load_robot(text)
+
+
+DECLARED = (
+    '<?xml version="1.0" encoding="{}"?>\n<!-- {} -->\n' + ODD_ARM[ODD_ARM.index('<robot') :]
+)
+
+
+@pytest.mark.parametrize(
+    ('encoding', 'word'),
+    [
+        *(('UTF-8', '\u673a\u68b0\u81c2'), ('iso-8859-1', 'bras \xe0 un axe')),
+        *(('GB2312', '\u673a\u68b0\u81c2'), ('Shift_JIS', '\u8155'), ('windows-1252', '\u20ac')),
+        *(('UTF-16', '\u673a\u68b0\u81c2'), ('utf-32', 'arm'), ('us-ascii', 'arm')),
+    ],
+)
+def test_a_file_is_read_in_the_encoding_that_it_declares(
+    tmp_path: Path, encoding: str, word: str
+) -> None:
+    path = tmp_path / 'arm.urdf'
+    path.write_bytes(DECLARED.format(encoding, word).encode(encoding))
+    assert pfd.load_robot(path) == pfd.load_robot(ODD_ARM)
+    # xacro itself reads files in the encoding of the locale.
+    macros = tmp_path / 'arm.urdf.xacro'
+    macros.write_bytes(path.read_bytes())
+    assert pfd.load_robot(macros) == pfd.load_robot(ODD_ARM)
+    # The text is published, and written by others in UTF-8.
+    text = pfd.urdf_of(path)
+    assert word in text
+    path.write_text(text, encoding='utf-8')
+    assert pin.buildModelFromUrdf(str(path)).njoints == 7
+
+
+@pytest.mark.parametrize(
+    ('encoding', 'message'),
+    [
+        ('utf-8', r"arm\.urdf', line 2: 'utf-8' codec can't decode byte 0xe0"),
+        ('GB2312', r"arm\.urdf', line 2: 'gb2312' codec can't decode"),
+        *(
+            (name, f', line 1: unknown encoding: {name}')
+            for name in ('klingon', 'punycode', 'utf-7')
+        ),
+        ('base64', "'base64' is not a text encoding"),
+    ],
+)
+def test_a_wrong_encoding_is_refused_and_named(
+    tmp_path: Path, encoding: str, message: str
+) -> None:
+    path = tmp_path / 'arm.urdf'
+    path.write_bytes(DECLARED.format(encoding, '\xe0').encode('latin-1'))
+    with pytest.raises(ValueError, match=message) as caught:
+        pfd.load_robot(path)
+    assert len(str(caught.value)) < 500
+
+
+INCLUDED = """
+<robot xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:macro name="arm" params="name mass parent">
+    <link name="${name}"><inertial><origin xyz="0 0 ${length / 2}"/><mass value="${mass}"/>
+      <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>
+    <joint name="${name}_joint" type="revolute"><parent link="${parent}"/>
+      <child link="${name}"/><origin xyz="0 0 ${length}"/><axis xyz="0 1 0"/>
+      <limit lower="-3" upper="3" effort="9" velocity="9"/></joint>
+  </xacro:macro>
+</robot>
+"""
+
+
+XACRO_ARM = """
+<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:arg name="mass" default="2.5"/>
+  <xacro:property name="length" value="0.4"/>
+  <xacro:include filename="macros.xacro"/>
+  <link name="base"/>
+  <xacro:arm name="upper" mass="$(arg mass)" parent="base"/>
+  <xacro:arm name="lower" mass="${2 * 0.5}" parent="upper"/>
+</robot>
+"""
+
+
+EXPANDING = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+
+
+def xacro_file(folder: Path, text: str) -> Path:
+    path = folder / 'arm.urdf.xacro'
+    path.write_text(text, encoding='utf-8')
+    return path
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    """Return a file of XACRO_ARM, beside the file that it includes."""
+    (tmp_path / 'macros.xacro').write_text(INCLUDED, encoding='utf-8')
+    return xacro_file(tmp_path, XACRO_ARM)
+
+
+@pytest.mark.parametrize(
+    ('name', 'macros', 'before'),
+    [
+        ('ARM.URDF', False, ''),
+        ('arm', False, '<!-- <sdf> --><?note <mujoco>?>\n'),
+        ('arm.yaml', False, '<?xml version="1.0"?>\n'),
+        ('arm.urdf', True, ''),
+        ('arm.XACRO', True, '<?xml version="1.0"?>\n'),
+        ('arm.txt', True, '\n'),
+    ],
+)
+def test_the_content_of_a_file_decides_what_it_is(
+    arm: Path, name: str, macros: bool, before: str
+) -> None:
+    # Where the included file is, in case the file is a xacro.
+    path = arm.parent / name
+    wanted, text = pfd.load_robot(arm), XACRO_ARM if macros else pfd.urdf_of(arm)
+    path.write_text(before + text[text.index('<robot') :])
+    assert pfd.load_robot(path) == wanted
+
+
+@pytest.mark.parametrize(
+    ('text', 'words'),
+    [
+        ('<?xml version="1.0"?>\n<sdf version="1.9"/>', 'SDF'),
+        ('<!DOCTYPE html>\n<HTML lang="en"></HTML>', 'HTML'),
+        ('version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9', 'git lfs pull'),
+        (' \n', 'empty'),
+        ('<!--' * 20_000, 'not well-formed XML'),
+        ('<?a?>' * 20_000 + '<', 'not well-formed XML'),
+    ],
+)
+@pytest.mark.parametrize('name', ['arm.urdf', 'arm.xacro', 'arm.yaml', 'arm.sdf'])
+def test_a_file_of_another_kind_is_named(tmp_path: Path, name: str, text: str, words: str) -> None:
+    (tmp_path / name).write_text(text)
+    if name == 'arm.xacro':
+        words = f'{words}|xacro cannot expand'
+    with pytest.raises(ValueError, match=words) as caught:
+        pfd.load_robot(tmp_path / name)
+    assert name in str(caught.value)
+
+
+# ---- xacro ----
+
+
+def test_a_xacro_file_loads_with_its_includes_and_the_defaults_of_its_arguments(arm: Path) -> None:
+    robot = pfd.load_robot(arm)
+    assert robot.joint_names == ('upper_joint', 'lower_joint')
+    assert robot.masses.tolist() == [2.5, 1.0]
+    # The frame of the robot has the joint's axis, here y, as its z.
+    assert sorted(robot.translations[0].tolist()) == [0.0, 0.0, 0.4]
+    assert robot.source == str(arm)
+    urdf = pfd.read_urdf(arm)
+    assert urdf is not None
+    # What is published is the expanded text.
+    assert urdf.text == pfd.urdf_of(arm)
+    assert 'xacro:' not in urdf.text
+    assert pfd.load_robot(urdf) == robot
+
+
+# The cause is whole, however long it is.
+FAR = '/'.join(['folder'] * 60) + '.xacro'
+
+
+@pytest.mark.parametrize(
+    ('inside', 'reason'),
+    [
+        ('<link name="${missing}"/>', "name 'missing' is not defined"),
+        ('<xacro:include filename="absent.xacro"/>', 'No such file'),
+        ('<xacro:unknown/>', 'unknown macro name: xacro:unknown'),
+        (f'<xacro:include filename="{FAR}"/>', FAR),
+        ('<link', 'ExpatError'),
+        (
+            '<xacro:macro name="a"><link name="b"/><xacro:a/></xacro:macro><xacro:a/>',
+            'RecursionError',
+        ),
+    ],
+)
+def test_a_file_that_xacro_cannot_expand_is_refused_with_its_reason(
+    tmp_path: Path, inside: str, reason: str
+) -> None:
+    path = xacro_file(tmp_path, f'<robot name="r" {EXPANDING}>{inside}</robot>')
+    with pytest.raises(ValueError, match=rf"xacro cannot expand '.*arm\.urdf\.xacro': .*{reason}"):
+        pfd.load_robot(path)
+
+
+def test_an_error_in_an_expanded_xacro_starts_with_its_file_alone(arm: Path) -> None:
+    arm.write_text(XACRO_ARM.replace('2 * 0.5', "'1,5'"))
+    with pytest.raises(ValueError, match=f"^{re.escape(str(arm))}: <mass value> of link 'lower'"):
+        pfd.load_robot(arm)
+
+
+def test_unexpanded_xacro_is_an_error_with_the_command_to_run() -> None:
+    text = XACRO_ARM[XACRO_ARM.index('<robot') :]
+    with pytest.raises(ValueError, match=r'<xacro:arg>, which is not expanded: load the \.xacro'):
+        pfd.load_robot(text)
+
+
+def test_time_and_length_of_an_expansion_are_bounded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = xacro_file(tmp_path, f'<robot name="${{\'a\' * 2**25}}" {EXPANDING}/>')
+    with pytest.raises(ValueError, match='characters, more than the 16777216 supported'):
+        pfd.load_robot(path)
+    monkeypatch.setattr('pfd_core.model.apart.SECONDS', 0.001)
+    with pytest.raises(ValueError, match=r'did not expand .* within 0\.001 s; it was stopped'):
+        pfd.load_robot(path)
+
+
+def test_without_the_package_a_xacro_file_is_refused_with_the_way_to_get_it(
+    arm: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, 'xacro', None)
+    with pytest.raises(ValueError, match=r'needs the package xacro, .*`pip install xacro`'):
+        pfd.load_robot(arm)
+
+
+def test_arguments_of_a_xacro_file_replace_their_defaults(arm: Path) -> None:
+    for mass in ('4', 4, 4.0):
+        assert pfd.load_robot(arm, xacro={'mass': mass}).masses.tolist() == [4.0, 1.0]
+    robot = pfd.load_robot(arm, xacro={'mass': 4})
+    assert pfd.load_robot(pfd.urdf_of(arm, {'mass': 4})).masses.tolist() == [4.0, 1.0]
+    assert pfd.load_robot(pfd.read_urdf(arm, {'mass': 4})) == robot
+
+
+@pytest.mark.parametrize(
+    ('default', 'xacro', 'message'),
+    [
+        ('', {}, r"argument 'mass' has no value .*xacro=\{'mass': 'VALUE'\}"),
+        ('default="2"', {'mas': 1}, r"has no argument 'mas'; its arguments are 'mass:=2'"),
+        ('default="none"', {'mas': 1}, r"'mass:=none', 'mas' is none of them; give others by"),
+        ('default="2"', {'mass': None}, r"xacro\['mass'\] must be a text or a number, got None"),
+        ('default="2"', {'': 1}, 'names of arguments as keys'),
+        ('default="2"', 'mass:=1', "xacro must be a mapping, got 'mass:=1'"),
+    ],
+)
+def test_a_missing_and_an_unknown_argument_of_a_xacro_file_is_named(
+    arm: Path, default: str, xacro: Any, message: str
+) -> None:
+    declared = f'<xacro:arg name="mass" {default}/>' if default else ''
+    text = XACRO_ARM.replace('<xacro:arg name="mass" default="2.5"/>', declared)
+    arm.write_text(text.replace('"$(arg mass)"', '"${1.0 * $(arg mass)}"'))
+    with pytest.raises(ValueError, match=message):
+        pfd.load_robot(arm, xacro=xacro)
+
+
+def test_arguments_of_xacro_for_another_source_are_refused() -> None:
+    for source in ('puma560', ODD_ARM, pfd.read_urdf(ODD_ARM)):
+        with pytest.raises(ValueError, match=r"xacro, 'mass', are for a xacro file"):
+            pfd.load_robot(source, xacro={'mass': 1})
+
+
+PACKAGE = '<package format="3"><name> {} </name></package>'
+
+
+def checkout(folder: Path, *packages: str) -> None:
+    """Write packages whose folders do not have their names."""
+    for name in packages:
+        (folder / f'{name}_folder' / 'urdf').mkdir(parents=True)
+        (folder / f'{name}_folder' / 'package.xml').write_text(PACKAGE.format(name))
+
+
+def found_arm(folder: Path, find: str) -> Path:
+    """Return a file of package 'arm', whose included file of 'macros' includes one by `find`."""
+    macros = f'<robot {EXPANDING}><xacro:include filename="{find}/urdf/mass.xacro"/></robot>'
+    (folder / 'macros_folder/urdf/macros.xacro').write_text(macros)
+    text = XACRO_ARM.replace('"macros.xacro"', '"$(find macros)/urdf/macros.xacro"')
+    return xacro_file(folder / 'arm_folder' / 'urdf', text)
+
+
+@pytest.mark.parametrize('installed', [False, True], ids=['checkout', 'installed'])
+def test_xacro_finds_packages_installed_above_the_file_and_beside_its_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, installed: bool
+) -> None:
+    checkout(tmp_path / 'src' / 'vendor', 'arm', 'macros')
+    checkout(tmp_path / 'src' / 'other', 'masses')
+    path = found_arm(tmp_path / 'src' / 'vendor', '$(find masses)')
+    own = INCLUDED.replace('${mass}', '7')
+    (tmp_path / 'src/other/masses_folder/urdf/mass.xacro').write_text(own)
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path / 'install') if installed else '')
+    share = tmp_path / 'install' / 'share' / 'masses'
+    (share / 'urdf').mkdir(parents=True)
+    (share / 'package.xml').write_text(PACKAGE.format('masses'))
+    (share / 'urdf' / 'mass.xacro').write_text(INCLUDED)
+    assert pfd.load_robot(path).masses.tolist() == ([2.5, 1.0] if installed else [7.0, 7.0])
+
+
+def test_a_package_that_is_not_found_is_named_with_the_file_that_names_it(tmp_path: Path) -> None:
+    checkout(tmp_path, 'arm', 'macros')
+    path = found_arm(tmp_path, '$(find masses)')
+    # A folder of that name is no package, and a package.xml that is no XML no error.
+    (tmp_path / 'masses').mkdir()
+    (tmp_path / 'masses' / 'package.xml').write_text('masses')
+    inner = re.escape(str(tmp_path / 'macros_folder/urdf/macros.xacro'))
+    with pytest.raises(ValueError, match=rf"package 'masses' is not found: .*{inner}"):
+        pfd.load_robot(path)

@@ -15,6 +15,7 @@ from contextlib import suppress
 from dataclasses import replace
 import itertools
 import json
+import math
 from pathlib import Path
 import re
 from typing import Any
@@ -124,8 +125,13 @@ def declare_joints(node: Node, settings: Settings, robot: pfd.Robot) -> Settings
             # Of the previous arm, which may have been another robot.
             if not node.describe_parameter(f'{row.name}.{joint}').read_only:
                 node.undeclare_parameter(f'{row.name}.{joint}')
-        defaults = joint_values(row, settings, robot, order)
         names = [f'{row.name}.{robot.joint_names[k]}' for k in order]
+        try:
+            defaults = joint_values(row, settings, robot, order)
+        except ValueError:  # the convention has none for so many joints
+            if not set(names) <= _given(node).keys():
+                raise
+            defaults = (math.nan,) * len(order)
         for name, default in zip(names, defaults, strict=True):
             if not node.has_parameter(name):
                 node.declare_parameter(name, default, _descriptor(row, fixed=fixed))
@@ -142,9 +148,13 @@ def _plain(value: Any) -> Any:
 
 def unknown_parameters(node: Node) -> list[str]:
     """Return the parameters that arguments or files give, and the node does not have."""
+    return sorted(name for name in _given(node) if not node.has_parameter(name))
+
+
+def _given(node: Node) -> Mapping[str, Parameter]:
     # rclpy has no public access to them.
     given: Mapping[str, Parameter] = getattr(node, '_parameter_overrides', {})
-    return sorted(name for name in given if not node.has_parameter(name))
+    return given
 
 
 def refuse_unknown(node: Node) -> str:

@@ -367,3 +367,14 @@ def test_a_convention_decides_on_the_defaults_of_other_parameters(
     assert (found.step_size, found.command_timeout, found.on_timeout) == (0.002, 0.5, 'stop')
     assert found.viscous_scale == (0.9, 0.9, 0.25, 0.9, 0.9, 0.9)
     assert verify_log(processes.folder / 'arm.mcap').complete
+
+
+def test_an_arm_of_another_size_takes_scales_that_are_given_for_each_joint(
+    processes: Processes,
+) -> None:
+    given = [
+        f'{name}_scale.{x}:=0.0' for name in ('viscous', 'coulomb') for x in ('shoulder', 'elbow')
+    ]
+    given += ['robot:=planar2', 'convention:=ur', 'recording:=arm.mcap']
+    processes.arm(*(part for one in given for part in ('-p', one))).stop()
+    assert RecordedLog(processes.folder / 'arm.mcap').settings.viscous_scale == (0.0, 0.0)

@@ -55,18 +55,6 @@ def _skew_turn(draw: random.Random) -> list[list[float]]:
     return _turn(*(x / length for x in q))
 
 
-def _square_turn(draw: random.Random) -> list[list[float]]:
-    """Return a rotation of zeros and ones, mostly between axes that are not parallel."""
-    return draw.choice(
-        [
-            [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]],
-            [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]],
-            [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]],
-            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-        ]
-    )
-
-
 def _inertia(draw: random.Random, mass: float) -> list[list[float]]:
     """Return the inertia of a box in any attitude."""
     # No `sum` and no power: their roundings depend on the version of Python and of libm.
@@ -81,13 +69,8 @@ def _inertia(draw: random.Random, mass: float) -> list[list[float]]:
     return J
 
 
-def chain(name: str, kinds: str, square: bool = False) -> pfd.Robot:
-    """
-    Return a chain with a joint for each letter: revolute, continuous or prismatic.
-
-    Its axes are at right angles and along each other where `square`, and skew otherwise, with full
-    inertias. Its name seeds its numbers.
-    """
+def chain(name: str, kinds: str) -> pfd.Robot:
+    """Return a chain with a joint for each letter; its name seeds its numbers."""
     draw = random.Random(name)
     types = {'r': 'revolute', 'c': 'continuous', 'p': 'prismatic'}
     n = len(kinds)
@@ -95,19 +78,18 @@ def chain(name: str, kinds: str, square: bool = False) -> pfd.Robot:
     def row(low: float, high: float, size: int = 3) -> list[float]:
         return [draw.uniform(low, high) for _ in range(size)]
 
-    turn = _square_turn if square else _skew_turn
     masses = row(0.5, 5.0, n)
     bound = [np.inf if kind == 'c' else draw.uniform(0.5, 3.0) for kind in kinds]
     return pfd.Robot(
         name=name,
         joint_names=tuple(f'joint{i + 1}' for i in range(n)),
         joint_types=tuple(types[kind] for kind in kinds),
-        rotations=np.array([turn(draw) for _ in kinds]),
-        translations=np.array([[0.4, 0.0, 0.0] if square else row(-0.4, 0.4) for _ in kinds]),
+        rotations=np.array([_skew_turn(draw) for _ in kinds]),
+        translations=np.array([row(-0.4, 0.4) for _ in kinds]),
         masses=np.array(masses),
         centers=np.array([row(-0.2, 0.2) for _ in kinds]),
         inertias=np.array([_inertia(draw, mass) for mass in masses]),
-        base_rotation=np.array(turn(draw)),
+        base_rotation=np.array(_skew_turn(draw)),
         base_position=np.array(row(-0.5, 0.5)),
         armature=np.array(row(0.01, 0.5, n)),
         position_lower=-np.array(bound),
@@ -121,14 +103,14 @@ def chain(name: str, kinds: str, square: bool = False) -> pfd.Robot:
 
 # The double pendulum is planar2.
 ROBOTS: Mapping[str, Callable[[], pfd.Robot]] = {
-    **{name: lambda name=name: pfd.load_robot(name) for name in ('puma560', 'ur5', 'panda')},
-    'planar2': lambda: pfd.load_robot('planar2'),
+    **{
+        name: lambda name=name: pfd.load_robot(name)
+        for name in ('puma560', 'ur5', 'panda', 'planar2')
+    },
     'pendulum': lambda: chain('pendulum', 'r'),
     'slider': lambda: chain('slider', 'p'),
-    'gantry3': lambda: chain('gantry3', 'ppp', square=True),
     'mixed5': lambda: chain('mixed5', 'rpcrp'),
     'dense6': lambda: chain('dense6', 'rcrrrr'),
-    'square8': lambda: chain('square8', 'rrrprrcr', square=True),
 }
 PAYLOAD = pfd.Payload(1.5, (0.02, -0.05, 0.1), np.diag([0.02, 0.03, 0.04]))
 

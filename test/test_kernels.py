@@ -608,20 +608,6 @@ def test_an_absurd_number_of_threads_is_cut_to_the_cores() -> None:
 
 
 @in_small_blocks
-def test_a_block_is_worth_a_worker_and_answers_a_signal_in_time(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr('pfd_core.kernels.threads.MIN_BLOCK_WORK', 500_000)
-    monkeypatch.setattr('pfd_core.kernels.threads.SINGLE_THREAD_WORK', 1_000_000)
-    assert pool.block_size(16_000, 8, 8, 500) == 16_000
-    assert pool.block_size(17_000, 8, 8, 500) == 8000
-    assert pool.block_size(1000, 8, 8, 50_000) == 128
-    for number in (1, 2):
-        assert pool.block_size(10**9, number, 8, 500) == 8 * pool.MAX_BLOCK_WORK // 500
-        assert pool.block_size(10**9, number, 8, 10 * pool.MAX_BLOCK_WORK) == 8
-
-
-@in_small_blocks
 def test_workers_have_ended_their_blocks_when_the_caller_is_stopped() -> None:
     caller, working = threading.get_ident(), threading.Semaphore(0)
     begun: list[int] = []

@@ -147,34 +147,6 @@ def test_totals_with_right_angles_are_those_of_hand(system: str) -> None:
     assert tuple((x['multiplications'], x['additions']) for x in found) == TOTALS[system]
 
 
-@pytest.mark.parametrize('n', one_fast([2, 5, 6, 12], 6))
-def test_parts_are_counted_once_each(n: int) -> None:
-    # The derived parts of PCRBM, and of PCGM (d) n times and (e), are all steps.
-    parts = list(counted_parts(n))
-    for system in ('pcrbm', 'pcgm'):
-        own = [x for x in parts if x['system'] == system and x['derived']]
-        if system == 'pcgm':
-            iteration, before = own[-2:]
-            assert (iteration['item'], before['item']) == ('(d)', '(e)')
-            own = [before] + [iteration] * n
-        for edition, prefix in ((AS_PRINTED, 'as_printed_'), (CORRECTED, 'corrected_')):
-            # The last iteration ends with step 10: without steps 11, 12, 14 and 15, and step 5.
-            twice = 1 + (edition == AS_PRINTED)
-            skipped = {
-                'multiplications': 3 + twice,
-                'additions': 2 + twice * levels(n),
-                'divisions': 1,
-            }
-            for kind in (*KINDS, 'divisions'):
-                total = sum(x[prefix + kind] for x in own)
-                total -= skipped.get(kind, 0) if system == 'pcgm' else 0
-                assert total == counted(system, n, edition)[kind]
-        whole, *inside = [x for x in parts if x['system'] == system and '(f)' in x['item']] or [{}]
-        for kind in KINDS if whole else ():
-            key = f'as_printed_{kind}'
-            assert sum(x[key] for x in inside) == whole[key]
-
-
 # Of the parts that the paper derives, with twists of 0 and 90 degrees and with skew axes; others
 # differ, for the reason in their remark.
 EQUAL = {('pcrbm', '(b)'), ('pcrbm', '(c)'), ('pcgm', '(c)')}

@@ -8,7 +8,6 @@ What every method must do is in test_methods.py.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,7 +15,6 @@ from closed_forms import LENGTHS, arithmetic, by_section, chain, levels, routes_
 import numpy as np
 from oracle import ACCELERATION, Oracle, jacobi_condition, relative
 import pytest
-from sampling import one_fast
 from zoo import Array, random_chain, random_state, without_mass
 
 import pfd_core as pfd
@@ -188,30 +186,6 @@ def test_ten_times_the_links_take_twice_the_steps_and_of_pcrbm_six_times() -> No
 
 
 # ---- links without inertia about their joint ----
-
-MASSLESS: Sequence[tuple[int, tuple[int, ...]]] = (
-    *((4, (1,)), (5, (1, 2)), (6, (0, 2, 4)), (8, (1, 2, 5, 6)), (8, (1, 2, 3, 4, 5))),
-    (20, (5, 11, 12)),
-)
-
-
-@pytest.mark.parametrize('schedule', one_fast(MACHINE_SCHEDULES))
-@pytest.mark.parametrize('kind', ['revolute', 'prismatic'])
-@pytest.mark.parametrize(('n', 'links'), MASSLESS)
-def test_massless_links_are_joined_with_those_that_they_carry(
-    n: int, links: tuple[int, ...], kind: str, schedule: str
-) -> None:
-    robot = random_chain(np.random.default_rng(n), n, joint_types=([kind, 'revolute'] * n)[:n])
-    robot, given = without_mass(robot, links), state_of(robot, n)
-    oracle, found = Oracle(robot), run(robot, given, schedule)
-    q, qd, tau = given['q'], given['qd'], given['tau']
-    H = oracle.H(q)
-    wanted = np.linalg.solve(H, tau - oracle.tau(q, qd, 0 * q))
-    assert relative(found['qdd'], wanted) < ACCELERATION * jacobi_condition(H)
-    assert (found['pivots'] > 0).all()
-    if schedule != 'sequential':
-        sections = by_section(DOUBLED(resolve_plant(robot), schedule))
-        assert ('joining' in sections) == (links != (0,))
 
 
 def test_links_are_joined_up_to_a_solid_one() -> None:

@@ -2,25 +2,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """`pfd send`: one reference or command to a topic, without the command `ros2`.
 
-The type of the message is the type that the subscriber expects.
+The type of the message is the type that the subscriber expects. An arm publishes on `~/rejected`
+what it refuses, and why: the command listens there for a moment and fails.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from functools import partial
 import os
 import time
 from typing import Any
 
 from pfd_ros.cli.terminal import Command, number, print_lines
 from pfd_ros.messages.joints import JOINT_FIELDS
+from pfd_ros.messages.topics import UNKNOWN_NODE, node_of
 from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
 from pfd_ros.text import listed
 
 NUMBER = 'std_msgs/msg/Float64'
-# Time [s] between two looks at the graph.
+# Time [s] between two looks at the graph, and in which an arm refuses a message.
 POLL_SECONDS = 0.05
+ANSWER_SECONDS = 0.3
+DEPTH = 10
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,19 +40,27 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(given: argparse.Namespace) -> int:
-    """Send the message to the subscribers; ValueError if there is none, or it expects others."""
+    """Send the message; ValueError if there is no subscriber, or an arm refuses it."""
+    import rclpy
     from rclpy.duration import Duration
+    from std_msgs.msg import String
 
+    from pfd_ros.arm.events import REJECTED
     from pfd_ros.node.visitor import resolved, visitor
 
     deadline = time.monotonic() + given.patience
     with visitor('pfd_send') as node:
         topic = resolved(node, given.topic)
 
-        def kinds() -> list[str]:
-            return sorted({x.topic_type for x in node.get_subscriptions_info_by_topic(topic)})
+        def subscribers() -> list[Any]:
+            return list(node.get_subscriptions_info_by_topic(topic))
 
-        found = _first(kinds, deadline)
+        def names() -> set[str]:
+            """Return the names of the subscribers, nothing while one is unknown."""
+            found = {node_of(end) for end in subscribers()}
+            return set() if any(UNKNOWN_NODE in name for name in found) else found
+
+        found = sorted({end.topic_type for end in _first(subscribers, deadline)})
         if not found:
             domain = os.environ.get('ROS_DOMAIN_ID', '0')
             waited = f'within {given.patience:g} s in ROS_DOMAIN_ID {domain}'
@@ -58,11 +71,32 @@ def _run(given: argparse.Namespace) -> int:
         publisher = node.create_publisher(type(message), topic, 1)
         # Discovery of the publisher takes longer than of the subscriber.
         _first(publisher.get_subscription_count, deadline + 1.0)
+        refused: dict[str, str] = {}
+        answers = {name: f'{name}/{REJECTED}' for name in _first(names, time.monotonic() + 1.0)}
+        known = dict(node.get_topic_names_and_types())
+        listening = [
+            node.create_subscription(String, answer, partial(_refused, refused, name), DEPTH)
+            for name, answer in answers.items()
+            if answer in known
+        ]
+        for subscription in listening:
+            _first(subscription.get_publisher_count, deadline + 1.0)
         publisher.publish(message)
         if not publisher.wait_for_all_acked(Duration(seconds=max(given.patience, 1.0))):
             raise ValueError(f'{topic}: no subscriber acknowledged the message')
+        end = time.monotonic() + ANSWER_SECONDS
+        while listening and (left := end - time.monotonic()) > 0.0:
+            rclpy.spin_once(node, timeout_sec=left)
+    if refused:
+        raise ValueError('; '.join(f'rejected by {name}: {why}' for name, why in refused.items()))
     print_lines([f'sent {found[0]} to {topic}'])
     return 0
+
+
+def _refused(refused: dict[str, str], name: str, message: Any) -> None:
+    """Keep the reason of the first refusal of a node; its first line names role and kind."""
+    kind, _, reason = message.data.partition('\n')
+    refused.setdefault(name, f'{reason} ({kind})')
 
 
 def _first(look: Callable[[], Any], deadline: float) -> Any:

@@ -589,6 +589,25 @@ def test_send_reaches_an_arm_and_names_a_topic_without_subscribers(
     arm.stop()
 
 
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    ('words', 'reason'),
+    [
+        ('/joint_commands elbw=3.5', 'joint_commands unknown_names'),
+        ('/sim_arm/commands 1', 'commands wrong_size'),
+        ('/joint_commands shoulder=1 --field position', 'joint_commands no_effort'),
+    ],
+)
+def test_send_fails_with_the_reason_why_the_arm_refuses_the_message(
+    processes: Processes, words: str, reason: str
+) -> None:
+    arm = processes.arm('-p', 'robot:=planar2')
+    done = process('send', *words.split(), ROS_DOMAIN_ID=str(processes.domain))
+    assert (done.returncode, done.stdout) == (1, '')
+    assert re.fullmatch(f'pfd send: rejected by /sim_arm: .* .{reason}.\n', done.stderr)
+    arm.stop()
+
+
 # The installation.
 
 METADATA = """\

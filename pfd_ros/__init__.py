@@ -39,9 +39,10 @@ To change or add
     a parameter             a field of arm.settings.Settings, a line of config/sim_arm.yaml
     a vendor's behaviour    a row of arm/conventions.yaml and a test of its name in
                             test/ros/test_conventions.py
-    NaN in a command        arm.commands.named: some keep the last value; if all are NaN, the
-                            message is refused quietly as all_nan, which /diagnostics alone counts.
-                            arm.commands.array and arm.trajectory: refused as not_finite
+    NaN in a command        arm.commands.named: some keep the last value, with the remark some_nan;
+                            all are refused as all_nan, or before a first command quietly as
+                            unclaimed, which /diagnostics alone counts. arm.commands.array and
+                            arm.trajectory: refused as not_finite
     a rejected command      refused in arm.commands; recorded, and published on ~/rejected, by
                             arm.engine.Engine; counted for users in node.report.Report.count,
                             which node.sim_arm hands to the inbox: log lines

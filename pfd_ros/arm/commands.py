@@ -4,8 +4,8 @@
 
 A joint is braked until the first command with a number for it. An effort alone is a torque or a
 force; a position, a velocity or both are the target of its servo, and an effort beside them is fed
-forward. NaN keeps the last number of its kind, since drivers send it before a controller has
-claimed the joint; an empty array means none. Infinity refuses the message. In commands without
+forward. NaN keeps the last number of its kind: drivers send it before a controller has claimed the
+joint, and where it was commanded before, that is reported. An empty array means none. Infinity refuses the message. In commands without
 names every number must be finite. Names that the arm has not are ignored, and counted, beside
 names that it has.
 """
@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.events import (
-    ALL_NAN,
     LOCKED_JOINTS,
     OVERWRITTEN,
+    SOME_NAN,
+    UNCLAIMED,
     Change,
     RefusedError,
     Verdict,
@@ -73,10 +74,10 @@ def named(arm: Arm, data: bytes) -> Change:
     known = [k for k, name in enumerate(joints.names) if name in place]
     if len(known) < len(joints.names):
         remarks += _others(arm, joints)
-    numbers = _numbers(arm, joints, known, [place[joints.names[k]] for k in known])
+    numbers, kept = _numbers(arm, joints, known, [place[joints.names[k]] for k in known])
     if state.tripped:
         raise RefusedError('refused', state.tripped)
-    return command, (*numbers, remarks)
+    return command, (*numbers, remarks + kept)
 
 
 def _others(arm: Arm, joints: Joints) -> Remarks:
@@ -99,15 +100,18 @@ def _others(arm: Arm, joints: Joints) -> Remarks:
     return tuple(Verdict(label, f'{what} {listed(x)}') for label, what, x in found if x)
 
 
-def _numbers(arm: Arm, joints: Joints, known: list[int], index: list[int]) -> tuple[Any, ...]:
+def _numbers(
+    arm: Arm, joints: Joints, known: list[int], index: list[int]
+) -> tuple[tuple[Any, ...], Remarks]:
     """Return the places in the model, efforts, positions and velocities of joints with a number.
 
     `known` and `index` are the places in the command and in the model of the joints that the arm
-    has. None stands for a kind that the command has not.
+    has. None stands for a kind that the command has not. A remark names the others that were
+    commanded before.
     """
     driven = arm.actuators
     if not driven.servo and math.isfinite(sum(joints.effort.tolist())):  # as almost always
-        return index, joints.effort[known], None, None
+        return (index, joints.effort[known], None, None), ()
     places, none = np.array(index, int), np.full(len(known), np.nan)
     arrays = joints.effort, joints.position, joints.velocity
     effort, position, velocity = (x[known] if len(x) else none for x in arrays)
@@ -123,11 +127,14 @@ def _numbers(arm: Arm, joints: Joints, known: list[int], index: list[int]) -> tu
             raise RefusedError(
                 'no_effort', f'no effort for {listed(idle)}, and no servo gain for their targets'
             )
+    held = np.flatnonzero(~given & (arm.state.newest[BRAKE, places] == 0.0))
+    text = f'NaN for {listed([joints.names[known[k]] for k in held])}: the last command is kept'
     if not given.any():
-        raise RefusedError(*ALL_NAN)
+        raise RefusedError(*(('all_nan', text) if len(held) else UNCLAIMED))
     sent = [len(x) and (driven.servo or x is joints.effort) for x in arrays]
     kinds = zip((effort, position, velocity), sent, strict=True)
-    return places[given], *(values[given] if one else None for values, one in kinds)
+    found = places[given], *(values[given] if one else None for values, one in kinds)
+    return found, (Verdict(SOME_NAN, text),) if len(held) else ()
 
 
 def command(

@@ -187,7 +187,7 @@ class Engine(Arm):
         if role not in self._inputs:
             return
         messages.append(Message(role, data, state.cycle + 1))
-        if verdict.label != events.ALL_NAN.label and events.REJECTED in self.roles:
+        if verdict.label != events.UNCLAIMED.label and events.REJECTED in self.roles:
             # The first line is verified; the rest has words of libraries, which change.
             rejection = encode_string(f'{kind}\n{verdict.detail}')
             messages.append(Message(events.REJECTED, rejection, state.cycle + 1))

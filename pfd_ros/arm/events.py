@@ -60,18 +60,20 @@ class RefusedError(Exception):
 LABELS = (
     *('accepted', 'malformed', 'no_names', 'ragged', 'infinite', 'stale', 'future'),
     *('duplicate_names', 'no_effort', 'unknown_names', 'all_nan', 'wrong_size', 'not_finite'),
+    # A driver sends NaN until a controller has claimed the joints: no command, no error.
+    'unclaimed',
     # Understood, but not possible now.
     'refused',
 )
-# Labels of remarks alone: joints that are welded; a joint commanded again in the same period; a
-# state to set outside the stops.
-LOCKED_JOINTS, OVERWRITTEN, OUTSIDE_STOPS = 'locked_joints', 'overwritten', 'outside_stops'
+# Labels of remarks alone: joints that are welded; a joint commanded again in the same period; NaN
+# for a joint that was commanded before; a state to set outside the stops.
+LOCKED_JOINTS, OVERWRITTEN, SOME_NAN = 'locked_joints', 'overwritten', 'some_nan'
+OUTSIDE_STOPS = 'outside_stops'
 ACCEPTED = Verdict('accepted')
-# A driver sends NaN until a controller has claimed the joint: no command, no error, an answer.
-ALL_NAN = Verdict('all_nan', 'every number is NaN')
+UNCLAIMED = Verdict('unclaimed', 'every number is NaN, and no joint was commanded before')
 INACTIVE = Verdict('refused', 'the arm is inactive')
 # In lockstep the arm goes on after one of these; a refusal is by a reflex that has braked it.
-ANSWERS = frozenset({'accepted', 'all_nan', 'refused'})
+ANSWERS = frozenset({'accepted', 'all_nan', 'unclaimed', 'refused'})
 
 INPUT, OUTPUT, ASIDE = 'input', 'output', 'aside'
 

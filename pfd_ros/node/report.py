@@ -18,7 +18,6 @@ from pfd_ros.arm.advice import Speeding, speeding
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import (
     ACCEPTED,
-    ALL_NAN,
     ARRAY,
     CLOCK_TICKS,
     INPUTS,
@@ -26,6 +25,8 @@ from pfd_ros.arm.events import (
     NAMED,
     OUTSIDE_STOPS,
     ROLES,
+    SOME_NAN,
+    UNCLAIMED,
     Verdict,
 )
 from pfd_ros.arm.link import timeout_text
@@ -41,7 +42,7 @@ MOST_FINDINGS = 64
 # A followed clock may be slow, and discovery takes up to three seconds.
 LOST_CLOCK_SECONDS = 5
 # No command, no error: a driver sends NaN until a controller has claimed the joint.
-QUIET = frozenset({ACCEPTED.label, ALL_NAN.label})
+QUIET = frozenset({ACCEPTED.label, UNCLAIMED.label})
 # What a controller must never send.
 ERRORS = frozenset({'infinite', 'not_finite'})
 # End of the labels of remarks about accepted inputs.
@@ -213,6 +214,8 @@ def _report_inputs(report: Report, engine: Engine, endpoints: Endpoints) -> None
         elif label == f'{LOCKED_JOINTS}{REMARK}':
             names = detail.removeprefix('locked: ')
             report.once(key, f'commands for locked joints have no effect: {names}')
+        elif label == f'{SOME_NAN}{REMARK}':
+            report.line(key, count, f'commands on {topic} have {detail}')
         elif label == f'{OUTSIDE_STOPS}{REMARK}':
             report.line(key, count, f'state set on {topic}: {detail}')
         elif label == f'future{REMARK}':

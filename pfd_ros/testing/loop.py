@@ -18,7 +18,7 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import ACCEPTED, ALL_NAN, LABELS, NAMED, Message, Verdict
+from pfd_ros.arm.events import ACCEPTED, LABELS, NAMED, UNCLAIMED, Message, Verdict
 from pfd_ros.arm.state import BRAKE
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS, decode_joints
@@ -29,7 +29,7 @@ from pfd_ros.text import did_you_mean, listed
 # The role and the bytes of a message.
 Command: TypeAlias = tuple[str, bytes]
 # The names that `allow_rejected` takes.
-REASONS = LABELS[1:]
+REASONS = tuple(label for label in LABELS if label not in (ACCEPTED.label, UNCLAIMED.label))
 # Share of a control period by which a time may miss the end of the last one.
 SLACK = 1e-6
 
@@ -142,6 +142,8 @@ def rejection(command: Command, verdict: Verdict, engine: Engine) -> Verdict | N
     does not have, and joints without a number keep their last command: a part is rejected.
     Without a servo, efforts alone are commands.
     """
+    if verdict.label == UNCLAIMED.label:
+        return Verdict('all_nan', verdict.detail)
     if not verdict.accepted:
         return verdict
     for remark in verdict.remarks:
@@ -154,7 +156,7 @@ def rejection(command: Command, verdict: Verdict, engine: Engine) -> Verdict | N
     numbers = [x for x in (getattr(joints, kind) for kind in kinds) if len(x)]
     without = np.flatnonzero(np.isnan(numbers).all(axis=0)).tolist()
     left = [joints.names[j] for j in without if joints.names[j] in engine.names]
-    return Verdict(ALL_NAN.label, f'NaN for {listed(left)}') if left else None
+    return Verdict('all_nan', f'NaN for {listed(left)}') if left else None
 
 
 def checked_reasons(given: Collection[str]) -> frozenset[str]:

@@ -120,8 +120,8 @@ VERDICTS: list[tuple[dict[str, Any], list[tuple[ArmMessage, str, str]]]] = [
             (named([A], position=[1], velocity=[2]), 'no_effort', 'only position and velocity'),
             (named([A]), 'no_effort', 'expected one effort for each name'),
             (named(['x', 'y'], [1, 2]), 'unknown_names', "none of ['x', 'y'] is a joint"),
-            (named([A, B], [NAN, NAN]), 'all_nan', 'every number is NaN'),
-            (named([A, 'x'], [NAN, 1]), 'all_nan', ''),
+            (named([A, B], [NAN, NAN]), 'unclaimed', 'every number is NaN'),
+            (named([A, 'x'], [NAN, 1]), 'unclaimed', ''),
             (efforts(1, 2, 3, 4, 5, 6), 'accepted', ''),
             (efforts(1, 2), 'wrong_size', '2 numbers for 6 joints'),
             (efforts(1, 2, 3, 4, NAN, 6), 'not_finite', ''),
@@ -146,7 +146,7 @@ VERDICTS: list[tuple[dict[str, Any], list[tuple[ArmMessage, str, str]]]] = [
             (named([B, C], [3, NAN], position=[1, 2]), 'no_effort', f"no effort for ['{C}']"),
             (named([A, C], position=[1, 2]), 'no_effort', 'no servo gain for their targets'),
             (named([A, B], velocity=[1, 2]), 'no_effort', f"['{B}']"),
-            (named([A, B], [NAN] * 2, [NAN] * 2, [NAN] * 2), 'all_nan', ''),
+            (named([A, B], [NAN] * 2, [NAN] * 2, [NAN] * 2), 'unclaimed', ''),
             (named([A, B], position=[1, -1e7]), 'refused', 'position -1e+07, expected 1e+06'),
             (named([A, B], [1, 2], velocity=[1e5, 0]), 'refused', 'velocity 100000'),
             (named(['x', A], position=[1e7, 0]), 'accepted', "unknown joints ['x']"),
@@ -189,7 +189,7 @@ VERDICTS: list[tuple[dict[str, Any], list[tuple[ArmMessage, str, str]]]] = [
             (named(['joint5', A], [NAN, 1]), 'accepted', ''),
             (named(['joint5'], [1]), 'refused', "locked: ['joint5']"),
             (named(['joint6', 'joint5', 'nobody'], [1, 1, 1]), 'refused', 'joint6'),
-            (named(['joint5'], [NAN]), 'all_nan', ''),
+            (named(['joint5'], [NAN]), 'unclaimed', ''),
             (placed(['joint6', 'nobody'], [1, 2]), 'unknown_names', "joints ['nobody']"),
             (placed(['joint6', 'joint5'], [1, 2]), 'refused', 'no position for any moving joint'),
             (placed([A, 'joint5'], [1, 2]), 'accepted', ''),
@@ -287,7 +287,7 @@ def test_each_input_has_its_verdict_with_the_reason_and_a_refused_one_changes_no
         assert len(found.detail) < 700
         assert bool(found.detail) == (label != 'accepted' or bool(detail))
         assert found.accepted == (label == 'accepted')
-        if label not in ('accepted', 'all_nan'):
+        if label not in ('accepted', 'unclaimed'):
             (rejection,) = (m.data for m in produced if m.role == 'rejected')
             assert decode_string(rejection) == f'{message.role} {label}\n{found.detail}'
             assert same(before, engine.save())
@@ -297,9 +297,28 @@ def test_each_input_has_its_verdict_with_the_reason_and_a_refused_one_changes_no
 
 
 def test_the_table_above_has_every_label() -> None:
-    # The future is of lockstep, below.
+    # The future is of lockstep, below, as is NaN after a command.
     labels = {label for _, cases in VERDICTS for _, label, _ in cases}
-    assert sorted(labels | {'future'}) == sorted(VERDICT_LABELS)
+    assert sorted(labels | {'future', 'all_nan'}) == sorted(VERDICT_LABELS)
+
+
+@pytest.mark.parametrize('settings', [FREE, GAINED, {**FREE, 'delay_commands': 0.01}])
+def test_nan_for_a_joint_that_was_commanded_is_told_and_its_command_is_kept(
+    settings: dict[str, Any],
+) -> None:
+    engine = made(**settings)
+    engine.step([named([A, B], [1, 2])], run=False)
+    before = engine.save()
+    produced, (found,) = engine.step([named([A, B, C], [NAN, NAN, NAN])], run=False)
+    assert (found.label, f"['{A}', '{B}']" in found.detail) == ('all_nan', True)
+    assert [m.role for m in produced] == ['joint_commands', 'rejected']
+    assert same(before, engine.save())
+    # Nobody has claimed C.
+    _, (found,) = engine.step([named([A, B, C], [3, NAN, NAN])], run=False)
+    details = {remark.label: remark.detail for remark in found.remarks}
+    assert (found.label, f"['{B}']" in details['some_nan']) == ('accepted', True)
+    engine.step([request('reset')])
+    assert engine.step([named([A], [NAN])], run=False)[1][0].label == 'unclaimed'
 
 
 def same(one: Any, other: Any) -> bool:

@@ -105,7 +105,7 @@ class Model:
 
     def answered(self, label: str) -> str:
         """Take note of the verdict on a command, and return it."""
-        if self.lockstep and label in ('accepted', 'all_nan', 'refused'):
+        if self.lockstep and label in ('accepted', 'all_nan', 'unclaimed', 'refused'):
             self.commanded |= label == 'accepted'
             self.waits = False
         return label
@@ -117,7 +117,7 @@ class Model:
         if problem:
             return self.answered(problem)
         if np.isnan(values).all():
-            return self.answered('all_nan')
+            return self.answered('unclaimed' if all(self.braked) else 'all_nan')
         for joint, value in enumerate(values):
             if not np.isnan(value):
                 self.effort[joint], self.braked[joint] = value, False

@@ -372,7 +372,7 @@ def test_positions_are_rejected_without_servo_gains() -> None:
 @of('franka', 'commands that are not finite')
 def test_infinite_efforts_are_rejected_and_nan_by_name_is_no_command() -> None:
     engine = arm('franka')
-    for value, label in ((INF, 'infinite'), (NAN, 'all_nan')):
+    for value, label in ((INF, 'infinite'), (NAN, 'unclaimed')):
         assert verdict(engine, named(engine.names, [value] * 7)).label == label
     assert verdict(engine, efforts(*[NAN] * 7)).label == 'not_finite'
 

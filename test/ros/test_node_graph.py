@@ -172,7 +172,7 @@ def test_diagnostics_report_each_task_of_the_node(processes: Processes, peer_of)
 
     # A driver sends NaN until a controller has claimed the joint: that is no warning.
     peer.command(JOINTS, [float('nan')] * 6)
-    peer.wait(lambda: told('commands', 'joint_commands.all_nan') == '1')
+    peer.wait(lambda: told('commands', 'joint_commands.unclaimed') == '1')
     assert of('commands')[0] == b'\x00'
     # A foreign type, a wrong message, a name that is longer than any line.
     foreign = peer.node.create_publisher(String, '/sim_arm/set_state', 1)

@@ -5,9 +5,9 @@
 A joint is braked until the first command with a number for it. An effort alone is a torque or a
 force; a position, a velocity or both are the target of its servo, and an effort beside them is fed
 forward. NaN keeps the last number of its kind: drivers send it before a controller has claimed the
-joint, and where it was commanded before, that is reported. An empty array means none. Infinity refuses the message. In commands without
-names every number must be finite. Names that the arm has not are ignored, and counted, beside
-names that it has.
+joint, and where it was commanded before, that is reported. An empty array means none. Infinity
+refuses the message. In commands without names every number must be finite. Names that the arm has
+not are ignored, and counted, beside names that it has.
 """
 
 from __future__ import annotations

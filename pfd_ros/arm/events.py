@@ -71,6 +71,8 @@ LOCKED_JOINTS, OVERWRITTEN, SOME_NAN = 'locked_joints', 'overwritten', 'some_nan
 OUTSIDE_STOPS = 'outside_stops'
 ACCEPTED = Verdict('accepted')
 UNCLAIMED = Verdict('unclaimed', 'every number is NaN, and no joint was commanded before')
+# A diagnostic about the machine: the motion, in simulated time, is the same without it.
+BUSY = 'periods missed (busy machine)'
 INACTIVE = Verdict('refused', 'the arm is inactive')
 # In lockstep the arm goes on after one of these; a refusal is by a reflex that has braked it.
 ANSWERS = frozenset({'accepted', 'all_nan', 'unclaimed', 'refused'})

@@ -30,7 +30,7 @@ from rclpy.serialization import serialize_message
 import pfd_core as pfd
 from pfd_ros.arm.advice import gain_limits
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import ACCEPTED, COMMANDS
+from pfd_ros.arm.events import ACCEPTED, BUSY, COMMANDS
 from pfd_ros.arm.plant import INPUT, Plant, acceleration_kernel
 from pfd_ros.arm.state import NEXT
 from pfd_ros.node.graph import GraphCheck
@@ -151,7 +151,7 @@ class ArmDiagnostics:
         return status(
             *('stepping', values, _reason_to_wait(self._engine) or 'running'),
             (ERROR, state.failure, state.failure),
-            (WARN, new['missed'], 'periods missed (busy machine)'),
+            (WARN, new['missed'], BUSY),
         )
 
     def _commands(self, now: Mapping[str, float], new: Mapping[str, float]) -> DiagnosticStatus:

@@ -19,6 +19,7 @@ from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import (
     ACCEPTED,
     ARRAY,
+    BUSY,
     CLOCK_TICKS,
     INPUTS,
     LOCKED_JOINTS,
@@ -179,7 +180,7 @@ def report_arm(report: Report, stepper: Stepper, endpoints: Endpoints) -> None:
     engine, state = stepper.engine, stepper.engine.state
     _report_inputs(report, engine, endpoints)
     cure = 'lower real_time_factor or publish_rate, or raise step_size'
-    report.line('missed', stepper.missed, f'# periods missed (busy machine): {cure}')
+    report.line('missed', stepper.missed, f'# {BUSY}: {cure}')
     report.line('timeouts', state.timeouts, timeout_text(state.settings))
     text = f'protective stop, all joints braked: {state.tripped}; call ~/reset to end it'
     report.line('reflex', state.trips, text, error=True)

@@ -158,11 +158,16 @@ def _of_topics(run: Recorded) -> Iterator[Plot]:
             continue
         command = role == NAMED or 'command' in topic
         what = 'commanded ' if command else f'{topic.rpartition("/")[2]}: '
+        rows = run.accepted(role) if role == NAMED else np.ones(len(found), bool)
         for item in JOINT_FIELDS:
-            values = getattr(found, item)
-            if np.isfinite(values).any():
-                title = f'{what}{item} [{run.unit(item, found.names)}]'
-                yield Plot(title, topic, found.names, run.times(found), values, stepped=command)
+            values = getattr(found, item)[rows]
+            there = np.isfinite(values).any(axis=0)
+            if there.any():
+                names = tuple(np.array(found.names)[there].tolist())
+                title = f'{what}{item} [{run.unit(item, names)}]'
+                sampled = run.times(found)[rows], values[:, there]
+                time, values = _held(run, *sampled) if role == NAMED else sampled
+                yield Plot(title, topic, names, time, values, stepped=command)
     for topic, found in run.of_type(FLOAT_ARRAY):
         values, role = found.arrays['data'], roles.get(topic, '')
         width = values.shape[1] if values.ndim == 2 else 0
@@ -176,8 +181,19 @@ def _of_topics(run: Recorded) -> Iterator[Plot]:
             title, labels, joints = 'energy [J]', ENERGIES, False
         elif command:
             title = f'commanded effort [{run.unit("effort", run.names)}]'
-        labels = run.names if joints else labels
-        yield Plot(title, topic, labels, run.times(found), values, joints, stepped=command)
+        labels, time = run.names if joints else labels, run.times(found)
+        if role == ARRAY:
+            rows = run.accepted(role)
+            time, values = _held(run, time[rows], values[rows])
+        yield Plot(title, topic, labels, time, values, joints, stepped=command)
+
+
+def _held(run: Recorded, time: Array, values: Array) -> tuple[Array, Array]:
+    """Return commands with the last one up to the end of the states, or to the watchdog."""
+    if not len(time):
+        return time, values
+    until = min(run.span[1], time[-1] + (run.settings.get('command_timeout') or np.inf))
+    return np.append(time, max(until, time[-1])), np.append(values, values[-1:], axis=0)
 
 
 def _energy(run: Recorded) -> Iterator[Plot]:

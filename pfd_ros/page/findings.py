@@ -19,6 +19,7 @@ import numpy as np
 
 from pfd_ros.arm.actuators import has_reflex
 from pfd_ros.arm.events import (
+    BUSY,
     COMMANDS,
     INACTIVE,
     PARAMETERS,
@@ -209,7 +210,7 @@ def _diagnostics(run: Recorded) -> Iterator[Finding]:
         level, name, text = (found.arrays[f'status.{x}'] for x in ('level', 'name', 'message'))
         times = run.times(found)
         for k, j in np.argwhere(np.nan_to_num(level.astype(float)) >= 1):
-            severity = BAD if level[k, j] >= 2 else WARNING
+            severity = BAD if level[k, j] >= 2 else NOTE if text[k, j] == BUSY else WARNING
             rows.append(((severity, f'{name[k, j]}: {text[k, j]}'), times[k]))
     for (severity, line), found_at in _grouped(rows).items():
         yield _finding('diagnostics', severity, line, *found_at)

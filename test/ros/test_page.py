@@ -26,6 +26,7 @@ from waiting import wait_until
 
 import pfd_core as pfd
 from pfd_ros import read_log
+from pfd_ros.arm.events import BUSY
 from pfd_ros.cli.main import main as pfd_main
 from pfd_ros.messages.joints import encode_joints
 from pfd_ros.page.curves import Reference as PageReference
@@ -392,21 +393,40 @@ def test_infinite_states_are_found(tmp_path: Path) -> None:
 
 def test_diagnostics_are_findings_by_their_level(tmp_path: Path) -> None:
     types, rows = STORE.types, []
-    for k, level in enumerate((0, 1, 2, 2)):
+    for k, (level, text) in enumerate([(0, 'ok'), (1, BUSY), (1, 'warm'), (2, 'hot'), (2, 'hot')]):
         stamp = types['builtin_interfaces/msg/Time'](sec=k + 1, nanosec=0)
         header = types['std_msgs/msg/Header'](stamp=stamp, frame_id='')
         status = types['diagnostic_msgs/msg/DiagnosticStatus'](
-            level=level, name='drive', message=f'level {level}', hardware_id='', values=[]
+            level=level, name='drive', message=text, hardware_id='', values=[]
         )
         data = STORE.serialize_cdr(types[DIAGNOSTICS](header=header, status=[status]), DIAGNOSTICS)
         rows.append(('/diagnostics', k + 1.0, bytes(data)))
     page = shown(write_bag(tmp_path / 'a.mcap', rows, kind=DIAGNOSTICS))
     found = [(x.severity, x.text, len(x.spans)) for x in page.findings]
-    assert found == [('warning', 'drive: level 1', 1), ('bad', 'drive: level 2', 2)]
+    # What the machine misses is no fault of the arm.
+    own = ('note', f'drive: {BUSY}', 1)
+    assert found == [own, ('warning', 'drive: warm', 1), ('bad', 'drive: hot', 2)]
     assert 'the log has no joint states' in page.notes
 
 
 # Curves, marks, energy.
+
+
+def test_commands_are_drawn_as_they_acted_and_nan_after_one_went_wrong(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    names = pfd.load_robot('planar2').joint_names
+    lost = named(names, [np.nan, np.nan])
+    simulate(path, 300, {1: [named(names, [0.5, 0.2])], 100: [named(['x'], [3.0])], 200: [lost]})
+    page = shown(path)
+    first = next(x for x in page.findings if x.severity == 'bad')
+    assert first.text.startswith("joint_commands unknown_names: none of ['x']")
+    assert [x.text for x in page.findings if 'all_nan' in x.text]
+    (plot,) = (x for x in data_of(page)['plots'] if x['title'].startswith('commanded'))
+    # The last command acts up to the end.
+    time = 1e-6 * np.cumsum(decoded(plot['time'], '<u4').astype(np.int64))
+    assert (tuple(plot['labels']), time[-1]) == (names, pytest.approx(0.3, abs=0.01))
+    values = decoded(plot['values'], '<f4').reshape(len(names), -1)
+    np.testing.assert_allclose(values.T, np.tile([0.5, 0.2], (len(time), 1)), rtol=1e-6)
 
 
 def test_curves_hold_the_values_of_the_log(tmp_path: Path) -> None:

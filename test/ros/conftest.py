@@ -7,12 +7,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import os
 from pathlib import Path
-import signal
 from typing import Any
 
 from plugin_sessions import install
 import pytest
-from ros_processes import HAS_ROS, JOINTS, Peer, Processes
+from ros_processes import HAS_ROS, Peer, Processes
 
 from pfd_ros.testing.domains import LOOPBACK as DDS_LOOPBACK
 from pfd_ros.testing.domains import claimed_domain, initialised
@@ -90,34 +89,3 @@ def real_arms() -> Path:
     if folder is None:
         pytest.skip(f'set {REAL_ARMS} to a folder with bags of real arms')
     return Path(folder)
-
-
-@pytest.fixture(scope='session')
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Return the recording of a real run: held, moved by both kinds of commands, one wrong one."""
-    if not HAS_ROS:
-        pytest.skip('rclpy is not installed')
-    processes = Processes(tmp_path_factory.mktemp('recorded'))
-    peer = None
-    try:
-        arm = processes.arm('-p', 'robot:=puma560', '-p', 'recording:=arm.mcap')
-        peer = Peer(processes.domain)
-        peer.connect()
-        peer.let_pass(100)
-        for k in range(20):
-            # The node keeps one command of a topic: the next may only follow when it is taken.
-            efforts = [0.1 * k, -1.0, 0.5]
-            peer.command(JOINTS[:3], efforts)
-            peer.wait(lambda efforts=efforts: list(peer.states[-1].effort[:3]) == efforts)
-            peer.let_pass(5)
-        peer.command(['nobody'], [1.0])
-        peer.let_pass(100)
-        peer.plain_command([0.0, 1.0, 0.0, 0.1, 0.0, 0.1])
-        peer.wait(lambda: list(peer.states[-1].effort) == [0.0, 1.0, 0.0, 0.1, 0.0, 0.1])
-        peer.let_pass(100)
-        assert arm.end(signal.SIGINT) == 0, arm.text()
-        yield processes.folder / 'arm.mcap'
-    finally:
-        if peer is not None:
-            peer.close()
-        processes.close()

@@ -235,7 +235,6 @@ FAULTS = {
     'preparing_lasts': prepare_slowly,
     'reporting_fails': lambda: put('pfd_ros.node.lifecycle.report_arm', fail),
     'requests_fail': lambda: put('pfd_ros.node.services.encode_request', fail),
-    'closing_hangs': lambda: put('pfd_ros.node.sim_arm.SimArm.close_recording', hang_in_c),
     'teardown_hangs': hang_in_teardown,
     'exit_hangs': hang_at_exit,
 }

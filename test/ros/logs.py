@@ -224,14 +224,12 @@ def chunk(
     raw: bytes,
     packed: bytes | None = None,
     compression: str = '',
-    size: int | None = None,
     crc: int | None = None,
     padding: bytes = b'',
 ) -> bytes:
-    """Return a chunk; `packed` are the same bytes compressed, size and checksum as stated."""
+    """Return a chunk; `packed` are the same bytes compressed, with another checksum."""
     data = raw if packed is None else packed
-    stated = len(raw) if size is None else size
-    body = struct.pack('<QQQI', 0, 0, stated, zlib.crc32(raw) if crc is None else crc)
+    body = struct.pack('<QQQI', 0, 0, len(raw), zlib.crc32(raw) if crc is None else crc)
     body += text(compression) + struct.pack('<Q', len(data)) + data
     return record(6, body, padding)
 

@@ -4,8 +4,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 import importlib.util
 import itertools
 import os
@@ -15,14 +15,13 @@ import signal
 import subprocess
 import sys
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
 from forked_process import ForkedProcess, Job
 import pytest
 from waiting import PATIENCE, wait_until
 
 import pfd_core as pfd
-from pfd_ros.replay.verify import verify as verify_log
 from pfd_ros.testing.domains import LOOPBACK as DDS_LOOPBACK
 from pfd_ros.testing.domains import environment as domain_environment
 from pfd_ros.testing.domains import own_domain
@@ -107,11 +106,11 @@ class Process:
         status = self.end(signal.SIGINT)
         assert status == 0, f'status {status}; {self.text()}'
 
-    def end(self, *signals: signal.Signals, apart: float = 0.005) -> int:
+    def end(self, *signals: signal.Signals) -> int:
         """Send signals and return the exit status."""
         for number in signals:
             self.process.send_signal(number)
-            time.sleep(apart)
+            time.sleep(0.005)
         return self.process.wait(PATIENCE)
 
 
@@ -270,37 +269,6 @@ class Peer:
         self.context.try_shutdown()
 
 
-class Running(NamedTuple):
-    """A node, and a peer that is connected to it."""
-
-    processes: Processes
-    process: Process
-    peer: Peer
-
-    @property
-    def folder(self) -> Path:
-        return self.processes.folder
-
-
-@contextmanager
-def running(folder: Path, *ros_args: str, fault: str = 'reports_often') -> Iterator[Running]:
-    """Run a node for many tests; it must end with status 0, and its recording must verify."""
-    processes = Processes(folder)
-    peer = None
-    try:
-        process = processes.faulty(fault, *ros_args)
-        peer = Peer(processes.domain)
-        peer.connect()
-        yield Running(processes, process, peer)
-        process.stop()
-        for path in folder.glob('*.mcap'):
-            assert verify_log(path).complete
-    finally:
-        if peer is not None:
-            peer.close()
-        processes.close()
-
-
 def call(peer: Peer, kind: Any, name: str, **values: Any) -> Any:
     """Call a service of the node `sim_arm`, or by its full name, and return its response."""
     client = peer.node.create_client(kind, name if name[0] == '/' else f'/sim_arm/{name}')
@@ -348,10 +316,10 @@ def transition(peer: Peer, label: str = '', number: int = 0) -> bool:
 
 
 def description_publisher(
-    peer: Peer, topic: str = 'robot_description', durability: str = 'transient_local'
+    peer: Peer, durability: str = 'transient_local'
 ) -> Callable[[str], None]:
     """Return a function that publishes a description of a robot."""
     from std_msgs.msg import String
 
-    publisher = peer.node.create_publisher(String, topic, qos(durability))
+    publisher = peer.node.create_publisher(String, 'robot_description', qos(durability))
     return lambda text: publisher.publish(String(data=text))

@@ -194,22 +194,6 @@ def test_the_demo_verifies_itself_and_sends_nothing_to_a_live_arm(
 @pytest.mark.ros
 @pytest.mark.slow
 @pytest.mark.long
-def test_demos_side_by_side_do_not_disturb_each_other(tmp_path: Path) -> None:
-    folders = [tmp_path / str(k) for k in range(3)]
-    for folder in folders:
-        folder.mkdir()
-    running = [start_demo(folder, 1) for folder in folders]
-    try:
-        for folder, process in zip(folders, running, strict=True):
-            check_demo(folder, process)
-    finally:
-        for process in running:
-            process.kill()
-
-
-@pytest.mark.ros
-@pytest.mark.slow
-@pytest.mark.long
 def test_the_demo_shows_the_arm_while_it_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

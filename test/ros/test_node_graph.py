@@ -212,13 +212,11 @@ def test_a_model_that_does_not_come_is_waited_for_until_a_signal(
     [
         ('joints: []', "/robot_description is not a URDF: it starts with 'joints: []'"),
         ('<' + 'a' * (1 << 24), 'bytes, expected 16777216 at most'),
-        ('<!DOCTYPE a [<!ENTITY b "c">]><robot name="&b;"/>', 'a URDF has no <!DOCTYPE>'),
         ('<robot>' * 100_000, 'elements more than 100 deep'),
         ('<robot', 'not well-formed XML'),
         (gripper_arm.urdf(joint_states_topic='{} %s'), 'Invalid topic name'),
-        (gripper_arm.urdf(joint_states_topic='a' * 300), 'topic name'),
     ],
-    ids=['yaml', 'large', 'entity', 'deep', 'cut', 'name', 'long'],
+    ids=['yaml', 'large', 'deep', 'cut', 'name'],
 )
 @pytest.mark.slow
 def test_a_hostile_model_is_refused_in_one_line(

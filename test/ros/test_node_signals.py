@@ -111,15 +111,6 @@ def test_an_ignored_hangup_stays_ignored_and_an_ignored_interrupt_does_not(
 
 
 @pytest.mark.ros
-def test_a_third_signal_ends_a_node_whose_closing_hangs(processes: Processes) -> None:
-    arm = processes.faulty('closing_hangs')
-    arm.process.send_signal(INT)
-    arm.wait_for_text('hangs')
-    # Two of the same kind that are due at once are one.
-    assert arm.end(TERM, INT) in (STATUS_BASE + TERM, STATUS_BASE + INT)
-
-
-@pytest.mark.ros
 @pytest.mark.parametrize(
     ('fault', 'robot', 'text'),
     [

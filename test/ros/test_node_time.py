@@ -156,7 +156,7 @@ def test_a_request_for_many_steps_is_done_to_its_end_and_services_answer_meanwhi
 
 
 @pytest.mark.slow
-def test_lockstep_repeats_an_unanswered_state_and_takes_another_real_time_factor_at_once(
+def test_lockstep_repeats_an_unanswered_state_and_goes_on_with_the_next_answer(
     processes: Processes, peer_of
 ) -> None:
     arm = processes.faulty('reports_often', *ARM, *START, *LOCKSTEP)
@@ -187,17 +187,8 @@ def test_lockstep_repeats_an_unanswered_state_and_takes_another_real_time_factor
     arm.wait_for_text('messages on /joint_commands rejected: future (')
     assert 'use_sim_time' in arm.text()
     assert not any(peer.states[-1].effort)
-    again = processes.python(ANSWERING)
-    again.wait_for_text('answers')
-    peer.wait(lambda: stamp_ns(peer.states[-1]) > settled_at + 100 * MILLISECOND)
-    # Another real-time factor counts at once: a step lasts a second now.
-    assert set_parameters(peer, parameter('real_time_factor', 1e-3))[0]
-    settled(peer)
-    before = stamp_ns(peer.states[-1])
-    peer.let_pass(1)
-    assert stamp_ns(peer.states[-1]) in (before, before + MILLISECOND)
-    assert set_parameters(peer, parameter('real_time_factor', 0.0))[0]
-    peer.wait(lambda: stamp_ns(peer.states[-1]) > before + 200 * MILLISECOND)
+    processes.python(ANSWERING).wait_for_text('answers')
+    peer.wait(lambda: stamp_ns(peer.states[-1]) > settled_at + 400 * MILLISECOND)
     check_never_back(peer)
     arm.stop()
     path = processes.folder / 'arm.mcap'

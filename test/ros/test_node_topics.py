@@ -8,16 +8,16 @@ from collections import Counter
 from collections.abc import Iterator
 from importlib import import_module
 import signal
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from ros_processes import (
     JOINTS,
     MILLISECOND,
+    Peer,
+    Process,
     Processes,
-    Running,
-    running,
     stamp_ns,
     trigger,
 )
@@ -38,14 +38,31 @@ DEPTHS = tuple(
 )
 
 
+class Running(NamedTuple):
+    """A node, and a peer that is connected to it."""
+
+    process: Process
+    peer: Peer
+
+
 @pytest.fixture(scope='module')
 def arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     """Return an arm for many tests, whose recording verifies in the end."""
     settings = ('recording:=arm.mcap', 'start_time:=100.0', 'frame_id:=base')
     settings = (*settings, 'external_wrench:=true')
     args = [*(part for one in settings for part in ('-p', one)), *DEPTHS]
-    with running(tmp_path_factory.mktemp('topics'), *args) as found:
-        yield found
+    processes, peer = Processes(tmp_path_factory.mktemp('topics')), None
+    try:
+        process = processes.faulty('reports_often', *args)
+        peer = Peer(processes.domain)
+        peer.connect()
+        yield Running(process, peer)
+        process.stop()
+        assert verify_log(processes.folder / 'arm.mcap').complete
+    finally:
+        if peer is not None:
+            peer.close()
+        processes.close()
 
 
 def test_a_torque_goes_in_and_a_moving_arm_comes_out(arm: Running) -> None:

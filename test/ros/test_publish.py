@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -301,12 +301,12 @@ def map_(k: int) -> bytes:
     return string(f'map {k:03d}')
 
 
-def write_words(path: Path, count: int, apart: float = 1.0, maps: Sequence[int] = (0, 3)) -> Path:
+def write_words(path: Path, count: int, apart: float = 1.0) -> Path:
     """Write an MCAP file with a word every so many s, and transient local maps before some."""
     rows = []
     for k in range(count):
         at = 1.0 + k * apart
-        rows += [Row(MAP, at, map_(k))] if k in maps else []
+        rows += [Row(MAP, at, map_(k))] if k in (0, 3) else []
         rows.append(Row(WORDS, at, word(k)))
     qos = {WORDS: QOS.format(durability='volatile'), MAP: LATCHED}
     return write_mcap(path, rows, {WORDS: STRING, MAP: STRING}, qos)

@@ -22,13 +22,8 @@ from waiting import wait_until
 
 from pfd_ros import read_log
 from pfd_ros.cli.main import main as pfd_main
-from pfd_ros.testing import ControllerProcess
-from pfd_ros.testing.domains import LOOPBACK as DDS_LOOPBACK
-from pfd_ros.testing.domains import PARTICIPANT_PORT as DDS_PARTICIPANT_PORT
-from pfd_ros.testing.domains import PORT_BASE as DDS_PORT_BASE
-from pfd_ros.testing.domains import PORT_GAIN as DDS_PORT_GAIN
+from pfd_ros.testing import ControllerProcess, domains
 from pfd_ros.testing.domains import claimed_domain, own_domain
-from pfd_ros.testing.domains import environment_to_kill as domain_environment_to_kill
 
 # Tests that fail, each with a recording and a page of its arms, and tests that leave nothing.
 TESTS = """
@@ -406,7 +401,8 @@ def test_a_domain_in_which_a_participant_runs_is_passed_over() -> None:
     with own_domain() as first:
         pass
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
-        participant.bind(('', DDS_PORT_BASE + DDS_PORT_GAIN * first + DDS_PARTICIPANT_PORT))
+        port = domains.PORT_BASE + domains.PORT_GAIN * first + domains.PARTICIPANT_PORT
+        participant.bind(('', port))
         with own_domain(start=first - 1) as found:
             assert found != first
 
@@ -454,8 +450,8 @@ HERE = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'PATH': '/bin'}
 def test_a_process_to_kill_gets_the_profile_and_keeps_its_other_variables(
     rmw: dict[str, str],
 ) -> None:
-    assert domain_environment_to_kill(HERE | rmw) == HERE | rmw | DDS_LOOPBACK
-    assert Path(DDS_LOOPBACK['FASTRTPS_DEFAULT_PROFILES_FILE']).is_file()
+    assert domains.environment_to_kill(HERE | rmw) == HERE | rmw | domains.LOOPBACK
+    assert Path(domains.LOOPBACK['FASTRTPS_DEFAULT_PROFILES_FILE']).is_file()
 
 
 @pytest.mark.parametrize(
@@ -469,7 +465,7 @@ def test_a_process_to_kill_gets_the_profile_and_keeps_its_other_variables(
     ids=str,
 )
 def test_a_profile_a_middleware_or_a_range_of_the_user_stays(chosen: dict[str, str]) -> None:
-    assert domain_environment_to_kill(HERE | chosen) == HERE | chosen
+    assert domains.environment_to_kill(HERE | chosen) == HERE | chosen
 
 
 # The code of README and guides.

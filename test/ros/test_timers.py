@@ -18,7 +18,6 @@ pytestmark = pytest.mark.ros
 
 SECONDS = 0.15
 UR5: dict[str, Any] = {'robot': 'ur5', 'armature': True}
-WALL = 'runs on wall time'
 
 
 def bits(motion: Trajectory) -> bytes:

@@ -1,17 +1,20 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Measures of a motion against closed forms, and the words of failed assertions."""
+"""Measures and diagnosis of a motion against closed forms, and the words of failed assertions."""
 
 from __future__ import annotations
 
 import math
 import time
+from typing import Any
 
 import numpy as np
 import pytest
 
 import pfd_core as pfd
 from pfd_ros.motion.metrics import overshoot, settling_time
+from pfd_ros.motion.symptoms import diagnosis as joint_diagnosis
+from pfd_ros.motion.symptoms import oscillation, text_of
 from pfd_ros.testing import Limits, LockstepArm, Trajectory
 
 # A wheel of 0.5 kg m^2 about a vertical axis: gravity has no torque, so PD control makes it the
@@ -65,23 +68,6 @@ def test_the_settling_time_of_a_critically_damped_system_solves_its_equation() -
     (found,) = response.settling_time(TARGET, 0.02 * TARGET)
     assert found == pytest.approx(5.83392 / FREQUENCY, rel=0.005)
     assert response.overshoot(TARGET) == pytest.approx(0.0, abs=1e-6)
-
-
-def test_a_run_is_the_exact_solution_of_the_sampled_system() -> None:
-    stiffness, damper = 30.0, 2.0
-    with LockstepArm(WHEEL, publish_rate=100.0, step_size=1e-3) as arm:
-        found = arm.run(lambda t, q, qd: stiffness * (TARGET - q) - damper * qd, 1.0)
-    # Torque is held over the control period, where q moves by qd h + qdd h^2 / 2.
-    h, q, qd = 0.01, 0.0, 0.0
-    for k in range(100):
-        tau = stiffness * (TARGET - q) - damper * qd
-        assert found.time[k] == pytest.approx(1e-3 + k * h, abs=1e-15)
-        assert found.q[k, 0] == pytest.approx(q, abs=1e-13)
-        assert found.qd[k, 0] == pytest.approx(qd, abs=1e-12)
-        assert found.tau[k, 0] == pytest.approx(tau, abs=1e-11)
-        qdd = tau / INERTIA
-        q, qd = q + h * qd + h * h / 2 * qdd, qd + h * qdd
-    assert len(found.time) == 100
 
 
 def test_settling_counts_from_the_last_sample_outside_of_the_band() -> None:
@@ -259,3 +245,99 @@ def test_the_time_of_a_controller_is_asserted_and_its_bound_named() -> None:
         run.assert_computes_within(0.001)
     with pytest.raises(ValueError, match=r'quantile is 2, expected 0 to 1'):
         run.assert_computes_within(0.001, quantile=2)
+
+
+# What a motion shows: oscillation, and the diagnosis of a joint.
+
+SAMPLE = 1e-3
+TIMES = SAMPLE * np.arange(1, 2001)
+TURN = 2 * math.pi
+# A turning point is right to half a step: two of them in more than 1.6 s.
+FREQUENCY_TOLERANCE = SAMPLE / 1.6
+# A peak between two samples is missed by (2 pi f h / 2)^2 / 2 of its height, at 44 Hz the most.
+PEAK_TOLERANCE = (math.pi * 44 * SAMPLE) ** 2 / 2
+# That on peaks at random, over 2 s.
+GROWTH_TOLERANCE = PEAK_TOLERANCE / 2
+
+
+def diagnosis(
+    q: Any, target: Any = None, tau: Any = 0.0, full: float = math.inf, **more: Any
+) -> str:
+    """Return the diagnosis of a motion q (N,), with efforts and their limit."""
+    qd = np.gradient(q, SAMPLE)
+    tau = np.broadcast_to(tau, q.shape)
+    limits = [('position', q, -math.inf, math.inf), ('effort', tau, -full, full)]
+    given = {'target': target, 'limits': limits, 'period': SAMPLE, **more}
+    return text_of(joint_diagnosis(TIMES, q, qd, tau, **given))
+
+
+@pytest.mark.parametrize(('frequency', 'growth'), [(3.0, -1.5), (12.5, 0.0), (44.0, 2.0)])
+def test_an_oscillation_has_the_frequency_amplitude_and_growth_that_it_was_made_of(
+    frequency: float, growth: float
+) -> None:
+    signal = 0.7 * np.exp(growth * TIMES) * np.sin(TURN * frequency * TIMES) + 4.0
+    found = oscillation(TIMES, signal)
+    assert found is not None
+    assert found.frequency == pytest.approx(frequency, rel=FREQUENCY_TOLERANCE)
+    assert found.growth == pytest.approx(growth, abs=GROWTH_TOLERANCE)
+    if growth == 0.0:
+        assert found.amplitude == pytest.approx(0.7, rel=PEAK_TOLERANCE)
+
+
+def test_an_oscillation_from_sample_to_sample_has_half_the_control_rate() -> None:
+    found = oscillation(TIMES, np.resize([1.0, -1.0], len(TIMES)))
+    assert found is not None
+    assert found.frequency == pytest.approx(500.0, rel=FREQUENCY_TOLERANCE)
+    assert (found.amplitude, found.growth) == (1.0, pytest.approx(0.0, abs=1e-12))
+
+
+def test_noise_below_a_share_of_the_motion_and_a_single_step_are_no_oscillation() -> None:
+    noise = np.random.default_rng(0).uniform(-0.01, 0.01, len(TIMES))
+    assert oscillation(TIMES, TIMES + noise) is None
+    assert oscillation(TIMES, np.exp(-5 * TIMES) * TIMES) is None
+
+
+SINE = 0.5 * np.sin(TURN * 2.0 * TIMES)
+FAST = 0.02 * np.sin(TURN * 25 * TIMES)
+LATE = 0.5 * np.sin(TURN * 2.0 * (TIMES - 0.02))
+# Motion, target or reference, and what is reported of it.
+MOTIONS: dict[str, tuple[Any, Any, str]] = {
+    'rests off its target': (1.1 - np.exp(-9 * TIMES), 1.0, 'rests 0.1 above its target'),
+    'leaves its target': (
+        -0.01 * np.exp(3 * TIMES),
+        0.0,
+        'moves away from its target, growing by 3 /s',
+    ),
+    'has not arrived': (0.4 * TIMES, 1.0, 'still moves to its target at 0.4 /s'),
+    'oscillates about a target': (FAST, 0.0, 'oscillates at 25 Hz (0.025 of the control rate)'),
+    'oscillates, no target known': (FAST, None, 'oscillates at 25 Hz (0.025 of the control rate)'),
+    'sine as its reference': (SINE, SINE, 'follows its reference within 0'),
+    'sine behind its reference': (LATE, SINE, 'follows its reference within 0.125'),
+    'sine, no reference known': (SINE, None, 'no oscillation'),
+    'oscillates about a reference': (SINE + FAST, SINE, 'oscillates at 25 Hz'),
+    'follows a ramp': (0.3 * TIMES - 0.01, 0.3 * TIMES, 'follows its reference within 0.01'),
+}
+
+
+@pytest.mark.parametrize('name', MOTIONS)
+def test_a_motion_is_diagnosed_by_its_target_or_its_reference(name: str) -> None:
+    q, target, wanted = MOTIONS[name]
+    found = diagnosis(q, target)
+    assert found.startswith(wanted) or wanted in found, found
+    assert ('oscillates' in found) == ('oscillates' in wanted), found
+
+
+def test_commanded_efforts_and_the_ones_that_motors_gave_have_one_diagnosis() -> None:
+    commanded = 50.0 * np.sin(TURN * 3 * TIMES)
+    measured = np.clip(commanded, -20.0, 20.0)
+    q = 1.1 - np.exp(-9 * TIMES)
+    found = diagnosis(q, 1.0, commanded, full=20.0)
+    assert found == diagnosis(q, 1.0, measured, full=20.0)
+    k = int(np.argmax(np.abs(commanded) >= 20.0))
+    assert f'first effort 20 at or beyond its limit 20 at t = {TIMES[k]:.6g} s' in found
+    share = 100 * np.mean(np.abs(commanded) >= 20.0)
+    assert f'at the torque limit 20 for {share:.3g} % of the time' in found
+
+
+def test_a_joint_that_was_never_commanded_is_braked_whatever_it_does() -> None:
+    assert diagnosis(FAST, 0.0, 30.0, full=20.0, commanded=False) == 'never commanded: braked'

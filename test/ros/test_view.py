@@ -78,7 +78,7 @@ def box_stl(edge: float) -> bytes:
     return bytes(80) + struct.pack('<I', len(faces)) + body
 
 
-def dae(unit: float, up_axis: str = 'Z_UP', nodes: str = '') -> str:
+def dae(unit: float, up_axis: str = 'Z_UP') -> str:
     """Return a COLLADA file with a triangle of corners 0, x and y."""
     return f"""<?xml version="1.0"?>
 <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset>
@@ -88,7 +88,7 @@ def dae(unit: float, up_axis: str = 'Z_UP', nodes: str = '') -> str:
 <param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/>
 </accessor></technique_common></source><vertices id="v"><input semantic="POSITION" source="#p"/>
 </vertices><triangles count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2</p>
-</triangles></mesh></geometry></library_geometries>{nodes}<library_visual_scenes>
+</triangles></mesh></geometry></library_geometries><library_visual_scenes>
 <visual_scene id="s"><node><instance_geometry url="#g"/></node></visual_scene>
 </library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
 
@@ -97,9 +97,9 @@ def drawn(text: str, folder: Path | None = None, *packages: Path) -> Any:
     return draw(parsed(text), Meshes(folder, packages))
 
 
-def edges(drawing: Any, link: str = 'arm') -> list[float]:
-    """Return the extents of what is drawn of a link, in its frame."""
-    points = np.concatenate([s.mesh.vertices for s in drawing.shapes if s.link == link])
+def edges(drawing: Any) -> list[float]:
+    """Return the extents of what is drawn of the link `arm`, in its frame."""
+    points = np.concatenate([s.mesh.vertices for s in drawing.shapes if s.link == 'arm'])
     return [float(x) for x in np.ptp(points, axis=0)]
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from recordings import simulate
 from test_cli import command
-from test_page import DIAGNOSTICS, FAULTS, TIMES, UR5, states, write_bag
+from test_page import FAULTS, TIMES, UR5, states, write_bag
 
 from pfd_ros.motion.symptoms import KINDS as SYMPTOM_KINDS
 from pfd_ros.page.findings import KINDS as FINDING_KINDS
@@ -86,11 +86,6 @@ def upright(path: Path) -> None:
     }
     events = {1: [named(['shoulder', 'elbow'], position=[np.pi / 2, 0.0])]}
     simulate(path, 600, events, **servo)
-
-
-def diagnosed(path: Path) -> None:
-    data = np.array([2]).tobytes()
-    write_bag(path, [*states(UR5, TIMES), ('/diagnostics', TIMES[3], data, DIAGNOSTICS)])
 
 
 def fault(name: str) -> Callable[[Path], Any]:

@@ -15,7 +15,7 @@ The last three lines are a step. The error of accelerations, refined or not, is 
 A residual in the number format is rounding where tau is close to the bias, and so is delta.
 pfd_core.machine.rounding_errors makes it accurate, for several times the operations. It is the
 residual of the robot as it is given: axes of links at other than right angles are rounded anew by
-the methods, and their answers are wrong by that.
+the methods, and their answers are wrong by that. Links that vary, or follow, are taken as rounded.
 
 A method is recorded once more for delta. Its part that depends on q alone, the inertia
 matrix and its factors or the articulated inertias, consists of the same expressions as before, and

@@ -222,8 +222,9 @@ class Kernel:
         that qdd misses, with nearly twice the digits: within 5 % of the error of the included
         arms, and for other robots between a third and three times the error, wherever it is below
         0.1. The robot is taken as it is given: where axes are not at right angles, methods round
-        its rotations anew, and that counts as error. With `Scene(payload='input')` it does not.
-        The estimate is infinite where a pivot is not above zero or the answer is not finite.
+        its rotations anew, and that counts as error. With `Scene(payload='input')`, or where a
+        joint follows another, it does not. The estimate is infinite where a pivot is not above
+        zero or the answer is not finite.
 
         A separate kernel, compiled at the first estimate, takes four to eight times the time of a
         call, twice as much where axes are not at right angles.

@@ -30,6 +30,7 @@ from pfd_ros.cli.terminal import (
     progress_on,
     status_of,
 )
+from pfd_ros.files import free_path
 from pfd_ros.node.main import ignore_signals, stop_on_signals
 from pfd_ros.text import one_line
 
@@ -308,7 +309,7 @@ def _compare(given: argparse.Namespace) -> int:
 
 def _recover_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('log', type=Path, metavar='LOG.mcap')
-    out = 'default: ./LOG.recovered.mcap; it must not exist'
+    out = 'default: ./LOG.recovered.mcap; never over an existing file'
     parser.add_argument('--out', type=Path, metavar='FILE', help=out)
 
 
@@ -316,7 +317,7 @@ def _recover(given: argparse.Namespace) -> int:
     """Recover a log; status 0 also if parts of it are lost, which are printed."""
     from pfd_ros.recording.recover import recover
 
-    target = given.out or Path(given.log.with_suffix('.recovered.mcap').name)
+    target = given.out or free_path(Path(given.log.with_suffix('.recovered.mcap').name))
     found = recover(given.log, target)
     print_lines(f'lost       {part}' for part in found.lost)
     if found.losses > len(found.lost):

@@ -18,7 +18,7 @@ from pfd_ros.cli.terminal import (
     progress_on,
     status_of,
 )
-from pfd_ros.files import new_file
+from pfd_ros.files import existing, free_path, new_file
 from pfd_ros.text import one_line
 
 LOG = 'one HTML page of a log: what went wrong first, and its curves; opens without network'
@@ -56,7 +56,7 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
     window = 'length of an open-loop window, s; default 0.1'
     add('--window', type=float, default=0.1, help=window)
     out = 'the smallest scene found, never over an existing file; default ./scene.yaml'
-    add('--out', type=Path, default=Path('scene.yaml'), metavar='FILE', help=out)
+    add('--out', type=Path, metavar='FILE', help=out)
 
 
 def _report(given: argparse.Namespace) -> int:
@@ -69,10 +69,12 @@ def _report(given: argparse.Namespace) -> int:
         print('pfd report: --pytest conflicts with --start and --end', file=sys.stderr)
         return 2
     out = given.out
-    if out is None and given.pytest is None:
-        out = Path(f'{given.log.absolute().name.removesuffix(".mcap")}.html')
-    if out is not None and out.exists():
-        raise FileExistsError(f'{out} exists and is not overwritten; choose another --out')
+    if given.what == 'scene' and out is None:
+        out = free_path(Path('scene.yaml'))
+    elif out is None and given.pytest is None:
+        out = free_path(Path(f'{given.log.absolute().name.removesuffix(".mcap")}.html'))
+    elif out is not None and out.exists():
+        raise existing(out)
     return _log(given, out) if given.what == 'log' else _scene(given, out)
 
 

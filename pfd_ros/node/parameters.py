@@ -9,7 +9,7 @@ or rejects it; other parameters cannot change while there is an arm.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import TimeoutError as LateError
 from contextlib import suppress
 from dataclasses import replace
@@ -60,6 +60,11 @@ _KINDS = {
     'tuple[str, ...]': Parameter.Type.STRING_ARRAY,
     'tuple[float, ...]': Parameter.Type.DOUBLE_ARRAY,
 }
+# What an integer becomes where doubles are expected: `payload.mass:=3` is YAML's integer.
+_DOUBLES = {
+    Parameter.Type.INTEGER: Parameter.Type.DOUBLE,
+    Parameter.Type.INTEGER_ARRAY: Parameter.Type.DOUBLE_ARRAY,
+}
 _SINGLE = tuple(row for row in FIELDS if not row.per_joint)
 
 
@@ -80,6 +85,22 @@ def _descriptor(row: Row, *, fixed: bool) -> ParameterDescriptor:
     return descriptor
 
 
+def doubles(parameters: Iterable[Parameter]) -> list[Parameter]:
+    """Return parameters with doubles in place of integers where a setting has doubles."""
+    single = {row.name: _KINDS[row.type] for row in _SINGLE}
+    joints = tuple(f'{row.name}.' for row in PER_JOINT)
+
+    def taken(one: Parameter) -> Parameter:
+        expected = Parameter.Type.DOUBLE if one.name.startswith(joints) else None
+        kind = single.get(one.name, expected)
+        if kind is None or _DOUBLES.get(one.type_) is not kind:
+            return one
+        array = kind is Parameter.Type.DOUBLE_ARRAY
+        return Parameter(one.name, kind, [*map(float, one.value)] if array else float(one.value))
+
+    return [taken(one) for one in parameters]
+
+
 def declare(node: Node) -> bool:
     """Declare every setting except those per joint, and return the value of `autostart`.
 
@@ -88,6 +109,9 @@ def declare(node: Node) -> bool:
     value has the wrong type or is out of its range.
     """
     autostart, values = True, dict[str, Any]()
+    overrides = _given(node)
+    overrides |= {one.name: one for one in doubles(overrides.values())}
+    node.add_pre_set_parameters_callback(doubles)
     first = 'autostart', 'convention'
     for row in sorted(_SINGLE, key=lambda row: row.field not in first):
         default = values.get(row.field, row.default)
@@ -151,9 +175,9 @@ def unknown_parameters(node: Node) -> list[str]:
     return sorted(name for name in _given(node) if not node.has_parameter(name))
 
 
-def _given(node: Node) -> Mapping[str, Parameter]:
+def _given(node: Node) -> dict[str, Parameter]:
     # rclpy has no public access to them.
-    given: Mapping[str, Parameter] = getattr(node, '_parameter_overrides', {})
+    given: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
     return given
 
 

@@ -12,6 +12,7 @@ from concurrent.futures import TimeoutError as LateError
 from contextlib import contextmanager
 from functools import partial
 import logging
+import os
 import threading
 import time
 from typing import TYPE_CHECKING, Any
@@ -36,6 +37,7 @@ from pfd_ros.arm.other_inputs import encode_request
 from pfd_ros.arm.plant import with_scene_text
 from pfd_ros.arm.plant_settings import ESTIMATED
 from pfd_ros.arm.settings import Settings
+from pfd_ros.files import existing
 from pfd_ros.messages.text_and_arrays import encode_string
 from pfd_ros.node import parameters
 from pfd_ros.node.description import load_model, log_topics
@@ -88,6 +90,8 @@ class SimArm:
 
     def _build(self, settings: Settings) -> None:
         node, report, log = self._node, self.report, self._node.get_logger()
+        if settings.recording and os.path.lexists(settings.recording):
+            raise existing(settings.recording)  # before a compilation, which takes seconds
         model = load_model(node, settings, self._threads.stop.is_set)
         settings = parameters.declare_joints(node, model.settings, model.robot)
         settings = with_scene_text(settings)

@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
-import errno
 import json
 import os
 from pathlib import Path
@@ -26,6 +25,7 @@ from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
 import pfd_core as pfd
 from pfd_ros.arm.events import CLOCK, CLOCK_TICKS, REQUESTS, ROLES, Message
+from pfd_ros.files import existing
 from pfd_ros.messages.definitions import definition_of, type_hash
 from pfd_ros.messages.qos import Qos, qos_text
 from pfd_ros.recording import format as names
@@ -92,8 +92,7 @@ class Recorder:
         try:
             self._stream = open(self._path, 'xb')  # noqa: SIM115
         except FileExistsError as error:
-            hint = 'the file exists and is not overwritten; choose another name'
-            raise FileExistsError(errno.EEXIST, hint, str(path)) from error
+            raise existing(path) from error
         try:
             self._writer = Writer(
                 self._stream, CHUNK_BYTES, CompressionType.ZSTD, enable_data_crcs=True

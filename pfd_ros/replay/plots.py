@@ -7,7 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from pfd_ros.files import new_file
+from pfd_ros.files import existing, new_file
 from pfd_ros.messages.joints import JOINT_UNITS
 from pfd_ros.replay.compare import Curves
 from pfd_ros.text import cut, listed
@@ -19,7 +19,7 @@ MOST_JOINTS = 12
 def check_picture(path: Path) -> None:
     """Check that a picture can be written, before a long run; ValueError, OSError if it cannot."""
     if path.exists():
-        raise FileExistsError(f'{path} exists and is not overwritten; choose another name')
+        raise existing(path)
     known = _figure()().canvas.get_supported_filetypes()
     if path.suffix.lstrip('.') not in known:
         raise ValueError(f'{path} has no suffix of a picture; expected one of {listed(known)}')

@@ -28,6 +28,7 @@ from pfd_ros.arm.description import link_frames
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import STATES, Message
 from pfd_ros.arm.settings import FIELDS, SIMULATED, Settings, with_convention
+from pfd_ros.files import free_path
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
@@ -184,7 +185,8 @@ def what_if(
     old = case.old.found
     if not len(old):
         raise LogError(f'{path} holds no states, so there is nothing to compare')
-    target = out or _free_path(path)
+    stem = path.name if path.is_dir() else path.stem
+    target = out or free_path(Path(f'{stem}_what_if.mcap'))
     engine = _engine(case, case.settings)
     limits = dict(zip(JOINT_FIELDS, map(float, thresholds), strict=True))
     with damage_named(path):
@@ -287,15 +289,6 @@ def _rounded_states(case: Case, engine: Engine, drive: Drive | None) -> _States:
         target = Path(folder, 'rounding.mcap')
         _recorded_run(case, other, target, None, drive)
         return _new_states(case, target)
-
-
-def _free_path(source: Path) -> Path:
-    stem = source.name if source.is_dir() else source.stem
-    for number in range(1, 10_000):
-        path = Path(f'{stem}_what_if{"" if number == 1 else f"_{number}"}.mcap')
-        if not path.exists():
-            return path
-    raise FileExistsError(f'{path} exists and is not overwritten; name a file with --out')
 
 
 def _untied(settings: Settings) -> Settings:

@@ -267,6 +267,28 @@ def test_no_command_writes_over_a_file(words: str, logs: Path, tmp_path: Path) -
     assert here.read_text() == 'mine'
 
 
+@pytest.mark.parametrize(
+    ('words', 'name'),
+    [
+        ('recover LOG', 'whole.recovered{}.mcap'),
+        ('report log LOG', 'whole{}.html'),
+        ('replay LOG --what-if payload.mass=1', 'whole_what_if{}.mcap'),
+        (
+            'report scene --trajectory LOG --tolerance 1e-3',
+            'scene{}.yaml',
+        ),
+    ],
+)
+def test_files_with_a_default_name_are_numbered(
+    words: str, name: str, logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for _ in range(3):
+        assert command(*words.replace('LOG', f'{logs}/whole.mcap').split())[0] == 0
+    names = {name.format(number) for number in ('', '_2', '_3')}
+    assert {path.name for path in tmp_path.iterdir()} == names
+
+
 ESCAPE = '\x1b]0;title\x07\x1b[2J'
 
 

@@ -60,8 +60,8 @@ def test_parameters_come_from_a_yaml_file(processes: Processes, peer_of) -> None
 # Arguments of a node that does not start, and a part of its one line.
 BAD = [
     (('-p', 'step_size:=5.0'), 'step_size out of range'),
-    (('-p', 'step_size:=1'), "'step_size' to '1' of type 'INTEGER'"),
-    (('-p', 'damping.joint1:=1'), "'damping.joint1' to '1' of type 'INTEGER'"),
+    (('-p', 'step_size:=5'), 'step_size out of range'),
+    (('-p', 'damping.joint1:=a'), "'damping.joint1' to 'a' of type 'STRING'"),
     (('-p', 'locked:=a'), "'locked' to 'a' of type 'STRING'"),
     (('robot:=ur5',), "'robot:=ur5' needs -p before it"),
     (('-p', f'robot:={PANDA}'), "or -p 'locked:=[panda_finger_joint1]'"),
@@ -182,7 +182,7 @@ def test_a_node_takes_dynamic_parameters_and_refuses_all_else_with_a_reason(
         'read-only': [parameter('step_size', 0.002)],
         'out of range': [parameter('real_time_factor', float('nan'))],
         'expected 0 or 1e-06 to 1000.0': [parameter('real_time_factor', 1e-9)],
-        'Wrong parameter type': [parameter('real_time_factor', 1)],
+        'Wrong parameter type': [parameter('real_time_factor', True)],
         'cannot be undeclared': [parameter('real_time_factor', 1.0, kind=0)],
         'Invalid access': [parameter('%s{0}\n\x01' + 'x' * 1000, 1.0)],
         'read-only parameter: robot': [
@@ -239,27 +239,27 @@ def loaded(frame: str, mass: float) -> Any:
 def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
     processes: Processes, peer_of
 ) -> None:
-
+    # Integers are taken for doubles.
     (processes.folder / 'given.yaml').write_text(
         '/**:\n  ros__parameters:\n    robot: planar2\n    joints: [elbow, shoulder]\n'
         '    damping:\n      elbow: 0.5\n    friction.shoulder: 0.25\n'
-        '    payload: {mass: 0.5}\n    gravity: [0.0, 0.0, 0.0]\n    external_wrench: true\n'
+        '    payload: {mass: 2}\n    gravity: [0, 0, 0]\n    external_wrench: true\n'
         '    load_friction.elbow: 0.2\n'
     )
     arm = processes.arm(
         *('--params-file', 'given.yaml'),
-        *('-p', 'damping.shoulder:=0.125', '-p', 'motor_lag.elbow:=0.001'),
+        *('-p', 'damping.shoulder:=3', '-p', 'motor_lag.elbow:=0.001'),
         *('-p', 'recording:=arm.mcap'),
     )
     peer = peer_of(processes)
     for name, value in (
-        ('damping.shoulder', 0.125),
+        ('damping.shoulder', 3.0),
         ('damping.elbow', 0.5),
         ('friction.elbow', 0.0),
         ('friction.shoulder', 0.25),
         ('motor_lag.elbow', 0.001),
         ('armature.elbow', 0.0),
-        ('payload.mass', 0.5),
+        ('payload.mass', 2.0),
     ):
         assert get(peer, name).double_value == value
     payloads: list[Any] = []
@@ -267,7 +267,7 @@ def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
     peer.node.create_subscription(kind, topic, payloads.append, qos())
     peer.connect()
     # Latched: its subscriber came late.
-    peer.wait(lambda: [body.inertia.m for body in payloads] == [0.5])
+    peer.wait(lambda: [body.inertia.m for body in payloads] == [2.0])
     peer.plain_command([0.0, 0.0])
     peer.wait(lambda: list(peer.states[-1].effort) == [0.0, 0.0])
     assert not any(peer.states[-1].velocity)
@@ -284,6 +284,8 @@ def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
     peer.wait(lambda: payloads[-1].inertia.m == 2.5)
     assert payloads[-1].inertia.com.x == 0.1
     assert payloads[-1].header.frame_id == 'tip_link'
+    assert set_parameters(peer, parameter('payload.mass', 3)) == (True, '')
+    peer.wait(lambda: payloads[-1].inertia.m == 3.0)
     assert set_parameters(peer, parameter('gravity_compensation', True))[0]
     peer.send('sim_arm/payload', loaded('nowhere', 1.0), 'transient_local')
     arm.wait_for_text('unknown_names')
@@ -291,7 +293,7 @@ def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
     path = processes.folder / 'arm.mcap'
     assert verify_log(path).complete
     settings = RecordedLog(path).settings
-    assert settings.joint_damping == (0.5, 0.125)
+    assert settings.joint_damping == (0.5, 3.0)
     assert settings.joint_friction == (0.0, 0.25)
     assert settings.load_friction == (0.2, 0.0)
     assert settings.joint_armature == ()

@@ -249,18 +249,22 @@ def _replaced(engine: Engine, changes: Changes) -> tuple[str, ...]:
 def _curves(one: _States, two: _States, until: float) -> Curves:
     """Return both motions at the times of the first, up to one of them.
 
-    Between two of them efforts jump, and interpolated ones would differ.
+    Between two of them efforts jump, and interpolated ones would differ. Where most times of the
+    one with fewer states are times of the other, as of a lower rate, nothing is interpolated.
     """
     found: Curves = {}
     names = [name for name in one.found.names if name in two.found.names]
-    both = {
+    tracks = {
         name: (track(one.found, name, one.time), track(two.found, name, two.time))
         for name in names
     }
     for item in JOINT_FIELDS:
-        for name, (left, right) in both.items():
+        for name, (left, right) in tracks.items():
             (times, *values), _ = aligned(left, right, item)
-            chosen = np.isin(times, left.time) & (times <= until)
+            common = np.isin(times, left.time)
+            both = common & np.isin(times, right.time)
+            most = 2 * both.sum() >= min(len(left.time), len(right.time))
+            chosen = (both if most else common) & (times <= until)
             if chosen.any():
                 x, y = (value[chosen] for value in values)
                 found[one.topic, item, name] = times[chosen], x, y

@@ -209,9 +209,14 @@ def test_longer_steps_end_between_recorded_states(tmp_path: Path) -> None:
     slow = {k: [efforts(math.sin(0.02 * k), 0.0)] for k in range(1, 401)}
     simulate(tmp_path / 'a.mcap', 400, slow)
     found = what_if(tmp_path / 'a.mcap', ['step_size=0.004'])
-    # At most a step late, and interpolated between steps.
+    # At most a step late.
     assert 0 < max(numbers(found, 'position')) < 0.01
     assert (found.seconds, found.states) == (pytest.approx(0.4), 400)
+
+
+def test_a_lower_rate_of_the_states_is_no_difference(swing: Path) -> None:
+    found = what_if(swing, ['publish_rate=100'])
+    assert [len(found.divergences), *{item.largest for item in found.divergences}] == [6, 0.0]
 
 
 @pytest.mark.parametrize('words', [['start_time=7'], ['step_size=0.0005'], ['step_size=0.002']])

@@ -201,6 +201,18 @@ def test_a_file_of_another_kind_is_named(tmp_path: Path, name: str, text: str, w
     assert name in str(caught.value)
 
 
+@pytest.mark.parametrize('name', ['arm.urdf', 'arm.xml', 'ARM.URDF'])
+def test_the_name_decides_where_the_content_is_neither_xml_nor_a_robot_in_yaml(
+    tmp_path: Path, name: str
+) -> None:
+    path = tmp_path / name
+    path.write_text('note: the file is on the other disk\n')
+    with pytest.raises(ValueError, match=f'{name}, line 1: not well-formed XML'):
+        pfd.load_robot(path)
+    path.write_text(pfd.robot_to_yaml(pfd.load_robot('planar2')))
+    assert pfd.load_robot(path) == pfd.load_robot('planar2')
+
+
 # ---- xacro ----
 
 

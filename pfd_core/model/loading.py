@@ -60,7 +60,8 @@ NOT_OF_FILES |= {'unicode-escape', 'raw-unicode-escape'}
 NO_XACRO = 'arguments of xacro, {}, are for a xacro file, and the robot is none'
 URDF, XACRO, MJCF = 'urdf', 'xacro', 'mujoco'
 # A path has one of these, or a folder, or is there; any other word is a name of a robot.
-SUFFIXES = {'.urdf', '.xml', '.xacro', '.yaml', '.yml'}
+XML_SUFFIXES = {'.urdf', '.xml', '.xacro'}
+SUFFIXES = {*XML_SUFFIXES, '.yaml', '.yml'}
 # What precedes the first element of an XML, piece by piece, and that element.
 BEFORE_ROOT = re.compile(r'\ufeff|\s*(?:<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>]*>)', re.DOTALL)
 ROOT = re.compile(r'\s*<([\w.:-]+)')
@@ -71,6 +72,8 @@ OTHER_KINDS = {
     'sdf': 'SDF, which is not read: give the URDF that it was made from',
     'html': 'an HTML page: download the file itself, not the page that shows it',
 }
+# Fields of a robot in YAML, whatever the suffix of its file.
+IS_YAML = re.compile(r'^(robot|joints|description)\s*:', re.MULTILINE)
 LFS = 'version https://git-lfs'
 
 
@@ -289,6 +292,8 @@ def _read(source: object, xacro: Mapping[str, object] | None) -> _Read:
         )
     text = _text('robot', path)
     root = _root_of(text, quote(str(path)))
+    if not root and path.suffix.lower() in XML_SUFFIXES and not IS_YAML.search(text):
+        root = '<'  # the reader of XML says where it is none
     macros = MACRO.search(text) or (LANGUAGE in text and EXPRESSION.search(text))
     if path.suffix.lower() == '.xacro' or (root and macros):
         expanded = load('model.xacro_files.expanded')(path, xacro or {})

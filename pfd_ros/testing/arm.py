@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
+from inspect import signature
 from itertools import chain
 import os
 from pathlib import Path
@@ -381,7 +382,15 @@ def _check_names(names: Collection[str]) -> None:
     known = [row.field for row in FIELDS]
     for name in names:
         if name not in known:
-            hint = did_you_mean(name.replace('.', '_'), known, 'config/sim_arm.yaml has them all')
+            # In the package, in a checkout next to it.
+            package = Path(pfd.__file__).parent
+            paths = (folder / 'config' / 'sim_arm.yaml' for folder in (package, package.parent))
+            listed = next((path for path in paths if path.is_file()), 'sim_arm.yaml')
+            hint = did_you_mean(name.replace('.', '_'), known, f'{listed} has them all')
+            methods = (LockstepArm.run, LockstepArm.spin)
+            owners = [m.__name__ for m in methods if name in signature(m).parameters]
+            if owners:
+                hint = f'it is an argument of {" and ".join(owners)}'
             raise ValueError(f'unknown setting {cut(name)!r}: {hint}')
 
 

@@ -84,9 +84,16 @@ def record(
 
 
 def differences(source: Path, target: Path) -> list[str]:
-    """Return the outputs of a recording that another one lacks or has otherwise."""
+    """Return the outputs of a recording that another one lacks or has otherwise.
+
+    Of a rejection the first line counts, as in a verification.
+    """
+
+    def data(message: ArmMessage) -> bytes:
+        return message.data.partition(b'\n')[0][8:] if message.role == 'rejected' else message.data
+
     outputs = [
-        {(m.role, m.cycle): m.data for m in RecordedLog(path).messages() if m.cycle}
+        {(m.role, m.cycle): data(m) for m in RecordedLog(path).messages() if m.cycle}
         for path in (source, target)
     ]
     return [f'{role} {k}' for (role, k), x in outputs[0].items() if outputs[1].get((role, k)) != x]

@@ -132,8 +132,10 @@ class Fed:
         """Yield the inputs of a cycle, each with the rule that it broke before."""
         left = [(each, '') for each in commands or ()]
         # An arm that waits takes the next input at once.
-        while self._next.message and (self._next.cycle <= cycle or self._engine.waiting):
-            message, _, broke = self._next
+        while (message := self._next.message) is not None and (
+            self._next.cycle <= cycle or self._engine.waiting
+        ):
+            broke = self._next.broke
             if commands is None or message.role not in events.COMMANDS:
                 yield message, broke
             else:

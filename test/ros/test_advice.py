@@ -207,7 +207,7 @@ def test_the_full_scene_has_what_the_model_states_and_is_given_or_the_reason_why
 
 
 @pytest.mark.parametrize('arm', one_fast(['planar2', 'puma560', 'panda']))
-def test_sines_are_motions_of_the_full_scene_within_the_limits(arm: str) -> None:
+def test_sines_are_motions_of_the_full_scene_within_the_limits(arm) -> None:
     robot = pfd.load_robot(arm)
     scene, _ = full_scene(robot, pfd.Scene(), SINE_SETTINGS)
     motion = sine_motion(robot, scene)
@@ -234,9 +234,7 @@ def test_sines_are_motions_of_the_full_scene_within_the_limits(arm: str) -> None
     ],
     ids=str,
 )
-def test_the_states_of_a_motion_are_those_recorded(
-    settings: dict[str, Any], tmp_path: Path
-) -> None:
+def test_the_states_of_a_motion_are_those_recorded(settings: dict[str, Any], tmp_path) -> None:
     path = tmp_path / 'a.mcap'
     simulate(path, STEPS, MOVE, **settings)
     robot, scene, motion = read_motion(path)
@@ -249,9 +247,7 @@ def test_the_states_of_a_motion_are_those_recorded(
         np.testing.assert_array_equal(found[every::every], wanted)
 
 
-def test_a_motion_has_the_torques_and_brakes_of_each_step_up_to_a_cut_or_failure(
-    tmp_path: Path,
-) -> None:
+def test_a_motion_has_the_torques_and_brakes_of_each_step_up_to_a_cut_or_failure(tmp_path) -> None:
     path, cut = tmp_path / 'a.mcap', tmp_path / 'cut.mcap'
     simulate(path, STEPS, MOVE)
     robot, scene, motion = read_motion(path)
@@ -269,7 +265,7 @@ def test_a_motion_has_the_torques_and_brakes_of_each_step_up_to_a_cut_or_failure
     assert len(read_motion(tmp_path / 'b.mcap')[2].taus) == 11
 
 
-def test_the_robot_of_a_recording_is_taken_with_its_locked_joints(tmp_path: Path) -> None:
+def test_the_robot_of_a_recording_is_taken_with_its_locked_joints(tmp_path) -> None:
     path = tmp_path / 'a.mcap'
     simulate(path, 30, {3: [efforts(1.0)]}, locked=('elbow',))
     for source in (None, 'planar2'):
@@ -285,9 +281,7 @@ def report(folder: Path, *args: object) -> int:
     return pfd_main([str(word) for word in words])
 
 
-def test_the_command_writes_the_scene_that_a_recording_needs(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_writes_the_scene_that_a_recording_needs(tmp_path, capsys) -> None:
     pfd.Scene(armature='model').save(tmp_path / 'scene.yaml')
     path = tmp_path / 'a.mcap'
     simulate(path, 300, {1: [efforts(*[5.0] * 6)]}, robot='puma560')
@@ -302,9 +296,7 @@ def test_the_command_writes_the_scene_that_a_recording_needs(
     assert pfd.load_scene(tmp_path / 'small.yaml') == advice.scene
 
 
-def test_the_command_needs_no_recording_and_names_what_sines_do_not_test(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_needs_no_recording_and_names_what_sines_do_not_test(tmp_path, capsys) -> None:
     given = ('--trajectory', 'sine', '--robot', 'planar2', '--tolerance', 1e-3, '--window', 0.05)
     assert report(tmp_path, *given) == 0
     assert pfd.load_scene(tmp_path / 'small.yaml') == pfd.Scene()

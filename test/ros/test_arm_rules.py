@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 import json
-from pathlib import Path
 from typing import Any
 
 from arm_messages import (
@@ -1121,7 +1120,7 @@ def test_the_payload_in_use_is_told_with_the_first_state_it_acts_on() -> None:
     assert engine.plant.scene.payload is None
 
 
-def test_only_the_first_of_many_payloads_compiles_code(emitted: list[str]) -> None:
+def test_only_the_first_of_many_payloads_compiles_code(emitted) -> None:
     outputs = ('acceleration', 'inertia_matrix', 'gravity_torques', 'energy', 'tip_pose')
     engine = made(**START, outputs=outputs)
     state(engine, payload(TIP, 1.0), change(gravity_compensation=True))
@@ -1135,9 +1134,7 @@ def test_only_the_first_of_many_payloads_compiles_code(emitted: list[str]) -> No
     assert engine.plant.scene.payload.mass == 0.99
 
 
-def test_a_change_that_was_prepared_compiles_nothing_and_has_had_no_effect(
-    emitted: list[str],
-) -> None:
+def test_a_change_that_was_prepared_compiles_nothing_and_has_had_no_effect(emitted) -> None:
     engine, message = made(**START), payload(TIP, 1.25, CENTER)
     before = engine.save()
     engine.prepare(message.role, message.data)
@@ -1183,7 +1180,7 @@ SCENE = pfd.Scene(
 )
 
 
-def test_settings_keep_the_content_of_a_scene_file(tmp_path: Path) -> None:
+def test_settings_keep_the_content_of_a_scene_file(tmp_path) -> None:
     path, text = tmp_path / 'scene.yaml', pfd.scene_to_yaml(SCENE)
     path.write_text('# by hand\n' + text)
     settings = with_scene_text(Settings(robot='planar2', scene=str(path)))

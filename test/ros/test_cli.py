@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import io
 import json
 import os
@@ -21,7 +20,7 @@ from arm_messages import efforts
 import numpy as np
 import pytest
 from recordings import busy, rewritten, simulate
-from ros_processes import Peer, Processes, environment
+from ros_processes import environment
 from waiting import PATIENCE
 
 import pfd_core as pfd
@@ -211,7 +210,7 @@ WITH_ROS: dict[str, tuple[int, str, str]] = {
     'words', [*LOGS, *(pytest.param(words, marks=pytest.mark.ros) for words in WITH_ROS)]
 )
 def test_a_command_says_what_it_read_and_its_status_is_true(
-    words: str, logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    words: str, logs, tmp_path, monkeypatch
 ) -> None:
     status, printed, error = (LOGS | WITH_ROS)[words]
     for path in logs.iterdir():
@@ -238,7 +237,7 @@ def test_a_command_says_what_it_read_and_its_status_is_true(
     ],
 )
 def test_json_is_one_object_and_the_new_log_lies_in_the_current_folder(
-    words: str, keys: set[str], logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    words: str, keys: set[str], logs, tmp_path, monkeypatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     found = command(
@@ -258,7 +257,7 @@ def test_json_is_one_object_and_the_new_log_lies_in_the_current_folder(
         'replay LOG --what-if payload.mass=1 --out here',
     ],
 )
-def test_no_command_writes_over_a_file(words: str, logs: Path, tmp_path: Path) -> None:
+def test_no_command_writes_over_a_file(words: str, logs, tmp_path) -> None:
     here = tmp_path / 'here'
     here.write_text('mine')
     done = command(*words.replace('LOG', f'{logs}/whole.mcap').replace('here', str(here)).split())
@@ -308,7 +307,7 @@ ESCAPE = '\x1b]0;title\x07\x1b[2J'
     ],
 )
 def test_escapes_of_a_terminal_in_names_are_printed_as_text(
-    words: str, logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    words: str, logs, tmp_path, monkeypatch
 ) -> None:
     name = f'{ESCAPE}.mcap'
     shutil.copy(logs / 'whole.mcap', tmp_path / name)
@@ -349,7 +348,7 @@ def test_a_command_that_makes_no_sense_is_one_line_and_status_2(words: str) -> N
     ],
 )
 def test_ctrl_c_and_long_errors_are_no_traceback_and_one_line(
-    error: BaseException, status: int, printed: str, monkeypatch: pytest.MonkeyPatch
+    error: BaseException, status: int, printed: str, monkeypatch
 ) -> None:
     def fail(_: object) -> int:
         raise error
@@ -371,7 +370,7 @@ def test_a_reader_that_ends_first_ends_a_command_quietly(words: str) -> None:
     assert (done.returncode, done.stderr) == (CLOSED_PIPE, '')
 
 
-def test_names_that_a_terminal_cannot_show_are_escaped(logs: Path, tmp_path: Path) -> None:
+def test_names_that_a_terminal_cannot_show_are_escaped(logs, tmp_path) -> None:
     name = 'é☃' + os.fsdecode(b'\xff.mcap')
     shutil.copy(logs / 'whole.mcap', tmp_path / name)
     done = process('info', name, cwd=tmp_path, PYTHONIOENCODING='ascii')
@@ -380,7 +379,7 @@ def test_names_that_a_terminal_cannot_show_are_escaped(logs: Path, tmp_path: Pat
 
 
 @pytest.mark.skipif(not Path('/dev/full').exists(), reason='no /dev/full')
-def test_a_full_disk_is_one_line(logs: Path) -> None:
+def test_a_full_disk_is_one_line(logs) -> None:
     with open('/dev/full', 'w') as full:
         done = process('info', f'{logs}/whole.mcap', stdout=full)
     assert done.returncode == 1
@@ -404,7 +403,7 @@ WITHOUT_ROS = (
     ('words', 'status'), [('sim', 1), ('replay a.mcap --publish', 1), ('view', 1), ('robots', 0)]
 )
 def test_without_ros_the_commands_that_need_it_say_how_to_get_it(
-    words: str, status: int, tmp_path: Path
+    words: str, status: int, tmp_path
 ) -> None:
     done = process(*words.split(), cwd=tmp_path, program=('-c', WITHOUT_ROS))
     assert done.returncode == status
@@ -451,7 +450,7 @@ printf '%s\\n' "${COMPREPLY[@]}"
 """
 
 
-def test_bash_completes_options_of_a_command(tmp_path: Path) -> None:
+def test_bash_completes_options_of_a_command(tmp_path) -> None:
     program = tmp_path / 'pfd'
     program.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m pfd_ros.cli.main "$@"\n')
     program.chmod(0o755)
@@ -486,7 +485,7 @@ def test_progress_is_printed_on_a_terminal_alone() -> None:
 
 
 def test_robots_lists_each_robot_and_the_version_is_that_of_the_library(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    monkeypatch, tmp_path
 ) -> None:
     for variable in ('AMENT_PREFIX_PATH', 'ROS_PACKAGE_PATH'):
         monkeypatch.delenv(variable, raising=False)
@@ -509,7 +508,7 @@ def test_robots_lists_each_robot_and_the_version_is_that_of_the_library(
     assert re.search(r'^xarm7 .*joint7\n .*none for armature\n .*xarm7\.urdf$', printed, re.M)
 
 
-def test_urdf_prints_the_bytes_that_it_writes_also_where_stdout_is_ascii(tmp_path: Path) -> None:
+def test_urdf_prints_the_bytes_that_it_writes_also_where_stdout_is_ascii(tmp_path) -> None:
     assert command('urdf', 'planar2', '--out', f'{tmp_path}/arm.urdf') == (0, '', '')
     text = (tmp_path / 'arm.urdf').read_text(encoding='utf-8')
     assert pfd.load_robot(text).joint_names == pfd.load_robot('planar2').joint_names
@@ -521,7 +520,7 @@ def test_urdf_prints_the_bytes_that_it_writes_also_where_stdout_is_ascii(tmp_pat
     assert (tmp_path / 'printed').read_text(encoding='utf-8') == named
 
 
-def test_urdf_of_a_xacro_file_takes_its_arguments(tmp_path: Path) -> None:
+def test_urdf_of_a_xacro_file_takes_its_arguments(tmp_path) -> None:
     head = '<robot name="$(arg name)" xmlns:xacro="http://www.ros.org/wiki/xacro">'
     path = tmp_path / 'arm.xacro'
     path.write_text(re.sub('<robot[^>]*>', head, pfd.urdf_of('planar2')))
@@ -579,9 +578,7 @@ def test_values_become_a_message_of_the_type_or_an_error_that_names_them(
 
 
 @pytest.mark.ros
-def test_send_reaches_an_arm_and_names_a_topic_without_subscribers(
-    processes: Processes, peer_of: Callable[..., Peer]
-) -> None:
+def test_send_reaches_an_arm_and_names_a_topic_without_subscribers(processes, peer_of) -> None:
     arm, peer = processes.arm('-p', 'robot:=planar2'), peer_of(processes)
     domain = {'ROS_DOMAIN_ID': str(processes.domain)}
     done = process('send', '/joint_commands', 'shoulder=3.5', **domain)
@@ -604,7 +601,7 @@ def test_send_reaches_an_arm_and_names_a_topic_without_subscribers(
     ],
 )
 def test_send_fails_with_the_reason_why_the_arm_refuses_the_message(
-    processes: Processes, words: str, reason: str
+    processes, words: str, reason: str
 ) -> None:
     arm = processes.arm('-p', 'robot:=planar2')
     done = process('send', *words.split(), ROS_DOMAIN_ID=str(processes.domain))
@@ -631,7 +628,7 @@ Requires-Dist: pytest; extra == "test"
 @pytest.mark.slow
 @pytest.mark.parametrize('middleware', ['', 'rmw_absent'])
 def test_a_machine_has_a_line_for_each_subject_and_a_failure_is_status_1(
-    processes: Processes, middleware: str
+    processes, middleware: str
 ) -> None:
     variables = {'RMW_IMPLEMENTATION': middleware} if middleware else {}
     done = process('doctor', ROS_DOMAIN_ID=str(processes.domain), **variables)
@@ -643,7 +640,7 @@ def test_a_machine_has_a_line_for_each_subject_and_a_failure_is_status_1(
 
 
 @pytest.mark.ros
-def test_an_invalid_domain_is_named_and_no_firewall(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_invalid_domain_is_named_and_no_firewall(monkeypatch) -> None:
     monkeypatch.setenv('ROS_DOMAIN_ID', '500')
     (found,) = doctor.dds()
     assert found.failed
@@ -659,7 +656,7 @@ def test_an_invalid_domain_is_named_and_no_firewall(monkeypatch: pytest.MonkeyPa
     ],
 )
 def test_a_cache_that_cannot_be_used_is_a_failure(
-    cache: str, failed: bool, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cache: str, failed, text: str, tmp_path, monkeypatch
 ) -> None:
     folder = tmp_path / 'cache'
     if cache:
@@ -681,9 +678,7 @@ def test_a_bare_timer_skips_periods_that_have_passed() -> None:
 
 
 @pytest.mark.parametrize(('count', 'busy'), [(985, False), (500, True)])
-def test_a_timer_that_misses_periods_is_a_finding(
-    monkeypatch: pytest.MonkeyPatch, count: int, busy: bool
-) -> None:
+def test_a_timer_that_misses_periods_is_a_finding(monkeypatch, count: int, busy: bool) -> None:
     monkeypatch.setattr(
         'pfd_ros.cli.doctor.bare_timer', lambda period, length: np.full(count, length / count)
     )
@@ -693,7 +688,7 @@ def test_a_timer_that_misses_periods_is_a_finding(
     assert ('a busy machine' in found.text) == busy
 
 
-def test_a_kernel_with_a_wrong_answer_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_kernel_with_a_wrong_answer_is_a_failure(monkeypatch) -> None:
     right = pfd.compile_kernel
 
     class Wrong:
@@ -710,9 +705,7 @@ def test_a_kernel_with_a_wrong_answer_is_a_failure(monkeypatch: pytest.MonkeyPat
     assert found.failed
 
 
-def test_a_missing_extra_is_named_with_the_command_that_installs_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_missing_extra_is_named_with_the_command_that_installs_it(tmp_path, monkeypatch) -> None:
     folder = tmp_path / 'pfd_ros-0.1.0.dist-info'
     folder.mkdir()
     (folder / 'METADATA').write_text(METADATA, encoding='utf-8')

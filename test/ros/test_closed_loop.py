@@ -124,7 +124,7 @@ RECORDED: dict[str, Callable[[str, dict[str, Any]], None]] = {
 
 
 @pytest.mark.parametrize('kind', RECORDED)
-def test_the_law_that_made_a_log_in_lockstep_has_its_bits(kind: str, laws: dict[str, Any]) -> None:
+def test_the_law_that_made_a_log_in_lockstep_has_its_bits(kind: str, laws) -> None:
     RECORDED[kind]('a.mcap', laws)
     law = 'integral.law' if 'state' in kind.split()[-1:] else 'pd'
     status, printed, error = command(
@@ -156,9 +156,7 @@ def test_a_controller_begins_where_the_recorded_one_did() -> None:
 @pytest.mark.parametrize(
     'words', [['payload.mass=0.8'], ['noise.velocity=0.02', 'seed=4'], ['step_size=0.0005']]
 )
-def test_the_changed_arm_moves_as_one_that_was_so_from_the_start(
-    words: list[str], laws: dict[str, Any]
-) -> None:
+def test_the_changed_arm_moves_as_one_that_was_so_from_the_start(words: list[str], laws) -> None:
     settings = {x.partition('=')[0].replace('.', '_'): float(x.partition('=')[2]) for x in words}
     settings |= {'seed': int(settings['seed'])} if 'seed' in settings else {}
 
@@ -199,7 +197,7 @@ FAULTS = {
 
 @pytest.mark.parametrize('fault', FAULTS)
 def test_a_controller_that_fails_is_named_and_its_run_is_recorded_up_to_there(
-    fault: str, laws: dict[str, Any]
+    fault: str, laws
 ) -> None:
     driven('a.mcap', laws['pd'])
     before = Path('a.mcap').read_bytes()
@@ -248,7 +246,7 @@ def test_a_controller_that_fails_is_named_and_its_run_is_recorded_up_to_there(
     ],
 )
 def test_what_is_no_controller_is_one_line_and_writes_nothing(
-    words: str, status: int, message: str, laws: dict[str, Any]
+    words: str, status: int, message: str, laws
 ) -> None:
     driven('a.mcap', laws['pd'])
     Path('wrong.py').write_text('def (')
@@ -270,7 +268,7 @@ NODES = {
 
 @pytest.mark.parametrize(('kind', 'fault'), NODES)
 def test_an_unchanged_node_in_another_process_has_the_bits_of_its_log(
-    kind: str, fault: str, ros_domain: int
+    kind: str, fault: str, ros_domain
 ) -> None:
     with (
         ControllerProcess([sys.executable, CONTROLLERS, kind]) as node,
@@ -290,9 +288,7 @@ def test_an_unchanged_node_in_another_process_has_the_bits_of_its_log(
     assert fault or new == old
 
 
-def test_a_simulation_that_fails_ends_the_run_with_its_time_and_status_0(
-    laws: dict[str, Any],
-) -> None:
+def test_a_simulation_that_fails_ends_the_run_with_its_time_and_status_0(laws) -> None:
     driven('a.mcap', laws['pd'])
     words = ['damping=[1e6, 1e6]', 'integrator=rk4', '--controller', 'laws:pd']
     status, printed, _ = command('replay', 'a.mcap', '--what-if', *words)

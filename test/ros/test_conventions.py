@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any, TypeVar
 
 from arm_messages import (
@@ -534,7 +533,7 @@ def test_a_reflex_at_the_start_compares_a_released_joint_alone_with_zero() -> No
 
 @pytest.mark.parametrize('convention', ROBOTS)
 def test_a_recording_of_a_convention_verifies_and_another_one_is_a_what_if(
-    convention: str, tmp_path: Path
+    convention: str, tmp_path
 ) -> None:
     n = len(POSES[convention][0])
     settings = {'robot': ROBOTS[convention], 'initial_positions': POSES[convention][0]}
@@ -563,7 +562,7 @@ def joint_values(n: int, place: int, value: float) -> list[float]:
     return [float(value) if k == place else 0.0 for k in range(n)]
 
 
-def test_the_motion_of_a_test_has_efforts_in_the_units_of_their_limits(tmp_path: Path) -> None:
+def test_the_motion_of_a_test_has_efforts_in_the_units_of_their_limits(tmp_path) -> None:
     usual = {'robot': 'panda', 'convention': 'franka', 'torque_constant': (10.0,) * 7}
     for kind, unit in (('torque', 1.0), ('current', 10.0)):
         path = tmp_path / f'{kind}.mcap'
@@ -579,7 +578,7 @@ def test_the_motion_of_a_test_has_efforts_in_the_units_of_their_limits(tmp_path:
 
 
 def test_limits_of_efforts_are_those_of_the_motors_where_states_show_torques_with_gravity(
-    tmp_path: Path,
+    tmp_path,
 ) -> None:
     # Gravity takes 47 N m at the second joint, whose limit is 87 N m.
     usual = {'robot': 'panda', 'convention': 'franka', 'armature': True, 'reflex_effort_rate': 0.0}

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 import re
@@ -17,7 +16,7 @@ from arm_messages import efforts as commanded
 from arm_messages import made, wrench
 import numpy as np
 import pytest
-from ros_processes import Peer, Processes, environment
+from ros_processes import environment
 from sampling import one_fast
 from waiting import PATIENCE
 
@@ -82,7 +81,7 @@ def test_the_disturbances_are_visible_and_the_controller_rejects_them(name: str)
     [(50 * [0.5, 1.5], False), (100 * [1.005], False), (99 * [1.0] + [10.0], True)],
 )
 def test_a_rate_below_the_one_of_the_stamps_is_a_machine_that_is_too_slow(
-    periods: list[float], slow: bool, capsys: pytest.CaptureFixture[str]
+    periods: list[float], slow: bool, capsys
 ) -> None:
     # States at 1 kHz, by the times [ms] between their messages.
     stamps = np.arange(len(periods) + 1) * 1_000_000
@@ -95,9 +94,7 @@ def test_a_rate_below_the_one_of_the_stamps_is_a_machine_that_is_too_slow(
 
 
 @pytest.mark.ros
-def test_even_on_one_domain_two_demos_are_apart(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_even_on_one_domain_two_demos_are_apart(tmp_path, monkeypatch) -> None:
     # A domain that looked free to both: their names and clocks still differ.
     started: list[list[str]] = []
     monkeypatch.setattr(
@@ -163,7 +160,7 @@ def check_demo(folder: Path, process: subprocess.Popen[str]) -> str:
 @pytest.mark.slow
 @pytest.mark.ros
 def test_the_demo_verifies_itself_and_sends_nothing_to_a_live_arm(
-    processes: Processes, peer_of: Callable[..., Peer], tmp_path: Path
+    processes, peer_of, tmp_path
 ) -> None:
     from sensor_msgs.msg import JointState
 
@@ -194,9 +191,7 @@ def test_the_demo_verifies_itself_and_sends_nothing_to_a_live_arm(
 @pytest.mark.ros
 @pytest.mark.slow
 @pytest.mark.long
-def test_the_demo_shows_the_arm_while_it_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_demo_shows_the_arm_while_it_runs(tmp_path, monkeypatch, capsys) -> None:
     # Nobody opens the page.
     monkeypatch.setattr('pfd_ros.demo.run.PAGE_SECONDS', 0.5)
     assert run.run_demo('planar2', 1.0, tmp_path, 0) == 0, capsys.readouterr()

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 import re
 from typing import Any
 
@@ -345,7 +344,7 @@ def test_an_arm_with_frames_puts_them_out_at_their_rate_with_the_true_positions(
     assert described_robot(none, 'planar2').recorded_frames(Settings(), pytest.fail) is None
 
 
-def test_arguments_of_a_xacro_file_are_settings_of_the_arm(tmp_path: Path) -> None:
+def test_arguments_of_a_xacro_file_are_settings_of_the_arm(tmp_path) -> None:
     head = (
         '<robot name="$(arg name)" xmlns:xacro="http://www.ros.org/wiki/xacro">'
         '<xacro:arg name="mass" default="1"/>'
@@ -366,7 +365,7 @@ def test_arguments_of_a_xacro_file_are_settings_of_the_arm(tmp_path: Path) -> No
 
 
 def test_the_tip_and_the_numbers_of_a_robot_by_name_are_published_and_recorded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path, monkeypatch
 ) -> None:
     monkeypatch.setenv('ROS_PACKAGE_PATH', str(tmp_path))
     (tmp_path / 'package.xml').write_text('<package><name>pendulum</name></package>')

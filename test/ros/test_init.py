@@ -88,9 +88,7 @@ def replaced(path: Path, old: str, new: str) -> None:
         pytest.param(['--robot', 'ur5'], True, id='robot', marks=SLOW),
     ],
 )
-def test_the_tests_of_a_package_pass(
-    site: Path, folder: Path, words: list[str], has_ros: bool
-) -> None:
+def test_the_tests_of_a_package_pass(site, folder, words: list[str], has_ros: bool) -> None:
     if has_ros and not HAS_ROS:
         pytest.skip('rclpy is not installed')
     if '--bag' in words:
@@ -111,7 +109,7 @@ def test_the_tests_of_a_package_pass(
     ],
 )
 def test_a_fault_of_the_law_fails_tests_and_is_on_their_pages(
-    site: Path, folder: Path, right: str, wrong: str, failed: int
+    site, folder, right: str, wrong: str, failed
 ) -> None:
     package = init('--urdf', 'arm.urdf')
     replaced(package / 'mine' / 'law.py', right, wrong)
@@ -122,7 +120,7 @@ def test_a_fault_of_the_law_fails_tests_and_is_on_their_pages(
     assert all('expected' in page.read_text(encoding='utf-8') for page in pages)
 
 
-def test_each_value_has_its_source_and_is_that_of_the_model(folder: Path) -> None:
+def test_each_value_has_its_source_and_is_that_of_the_model(folder) -> None:
     package = init('--urdf', 'arm.urdf')
     lines = (package / 'mine' / 'arm.yaml').read_text(encoding='utf-8').splitlines()
     values = [line for line in lines if re.match(r' {4,}[^ #].*: [^#]', line)]
@@ -179,11 +177,7 @@ SCENE = pfd.Scene(
 
 @pytest.mark.parametrize(('settings', 'numbers', 'left'), RECORDED.values(), ids=RECORDED)
 def test_a_recording_gives_its_arm_and_says_what_is_left(
-    folder: Path,
-    capsys: pytest.CaptureFixture[str],
-    settings: dict[str, Any],
-    numbers: dict[str, Any],
-    left: set[str],
+    folder, capsys, settings: dict[str, Any], numbers: dict[str, Any], left: set[str]
 ) -> None:
     start = [0.25, -0.5]
     SCENE.save('scene.yaml')
@@ -218,7 +212,7 @@ def test_a_recording_gives_its_arm_and_says_what_is_left(
         pytest.param(gripper_arm.with_block(''), id='without-a-block'),
     ],
 )
-def test_a_block_for_ros2_control_replaces_those_of_any_urdf(folder: Path, text: str) -> None:
+def test_a_block_for_ros2_control_replaces_those_of_any_urdf(folder, text: str) -> None:
     (folder / 'arm.urdf').write_text(text, encoding='utf-8')
     root = ElementTree.parse(init('--urdf', 'arm.urdf', '--ros2-control') / 'mine' / 'arm.urdf')
     joints = [joint.get('name') for joint in root.findall('ros2_control/joint')]
@@ -229,9 +223,7 @@ def test_a_block_for_ros2_control_replaces_those_of_any_urdf(folder: Path, text:
         assert [x.get('name') for x in root.findall(tag)] == [x.get('name') for x in given]
 
 
-def test_logs_of_real_arms_give_rate_and_start(
-    folder: Path, real_arms: Path, tmp_path: Path
-) -> None:
+def test_logs_of_real_arms_give_rate_and_start(folder, real_arms, tmp_path) -> None:
     log = real_arms / 'ur10_exciting_trajectory'
     # Its joints have the names of the UR5 that is included.
     package = init('--bag', str(log), '--robot', 'ur5')
@@ -244,7 +236,7 @@ def test_logs_of_real_arms_give_rate_and_start(
 
 @pytest.mark.parametrize('kind', ['drivers begin with NaN', 'a node for each joint'])
 def test_a_foreign_bag_gives_its_robot_the_first_finite_state_and_the_rate_of_the_stamps(
-    folder: Path, kind: str
+    folder, kind: str
 ) -> None:
     topics = {'/robot_description': STRING_TYPE}
     rows = [Row('/robot_description', 999.0, string(gripper_arm.urdf()))]
@@ -263,9 +255,7 @@ def test_a_foreign_bag_gives_its_robot_the_first_finite_state_and_the_rate_of_th
     assert (arm['initial_positions'], arm['publish_rate']) == ([0.3, 0.2], RATE)
 
 
-def test_a_bag_with_two_robots_is_refused_by_their_topics(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bag_with_two_robots_is_refused_by_their_topics(folder, capsys) -> None:
     topics = dict.fromkeys(('/left/robot_description', '/right/robot_description'), STRING_TYPE)
     texts = gripper_arm.urdf(), gripper_arm.urdf().replace('mass value="1"', 'mass value="2"')
     rows = [Row(topic, 1.0, string(text)) for topic, text in zip(topics, texts, strict=True)]
@@ -275,7 +265,7 @@ def test_a_bag_with_two_robots_is_refused_by_their_topics(
     assert not (folder / 'mine').exists()
 
 
-def test_a_package_is_formatted_and_free_of_lint(folder: Path) -> None:
+def test_a_package_is_formatted_and_free_of_lint(folder) -> None:
     package = init('--urdf', 'arm.urdf', '--ros2-control')
     for command in (RUFF, [*FORMAT, '--config', "format.quote-style='single'"]):
         tool = Path(sys.executable).with_name('ruff')
@@ -331,7 +321,7 @@ def test_the_launch_file_starts_arm_and_controller(
     ],
 )
 def test_what_cannot_be_done_is_refused_and_leaves_nothing(
-    folder: Path, capsys: pytest.CaptureFixture[str], name: str, words: list[str], reason: str
+    folder, capsys, name: str, words: list[str], reason: str
 ) -> None:
     (folder / 'there').mkdir()
     text = gripper_arm.urdf()
@@ -349,9 +339,7 @@ def test_what_cannot_be_done_is_refused_and_leaves_nothing(
     assert sorted(folder.rglob('*')) == before
 
 
-def test_a_package_that_cannot_be_written_leaves_nothing(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_package_that_cannot_be_written_leaves_nothing(folder, monkeypatch) -> None:
     def full(self: Path, target: Path) -> None:
         raise OSError(28, 'No space left on device')
 
@@ -370,7 +358,7 @@ def steps(values: dict[str, str]) -> list[dict[str, Any]]:
     return yaml.safe_load(text)['runs']['steps']
 
 
-def test_a_package_has_the_action_of_this_repository(folder: Path) -> None:
+def test_a_package_has_the_action_of_this_repository(folder) -> None:
     package = init('--urdf', 'arm.urdf')
     path = ACTION.relative_to(ROOT)
     assert (package / path).read_bytes() == ACTION.read_bytes()
@@ -380,7 +368,7 @@ def test_a_package_has_the_action_of_this_repository(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_steps_of_the_action_install_test_and_keep_pages(folder: Path) -> None:
+def test_the_steps_of_the_action_install_test_and_keep_pages(folder) -> None:
     package, home = init('--urdf', 'arm.urdf'), folder / 'runner'
     source = shutil.copytree(
         ROOT,
@@ -430,7 +418,7 @@ def test_the_steps_of_the_action_install_test_and_keep_pages(folder: Path) -> No
 
 
 @pytest.mark.slow
-def test_colcon_builds_a_package(folder: Path) -> None:
+def test_colcon_builds_a_package(folder) -> None:
     colcon = shutil.which('colcon', path=str(Path(sys.executable).parent))
     if colcon is None:
         pytest.skip('colcon is not installed')

@@ -64,7 +64,7 @@ def nodes(path: Path, kinds: dict[str, type[Recorded]], urdf: Path) -> list[dict
 
 @pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
 def test_a_launch_file_starts_arms_with_parameters_that_they_have(
-    path: Path, recorder: dict[str, type[Recorded]], tmp_path: Path
+    path: Path, recorder, tmp_path
 ) -> None:
     urdf = tmp_path / 'arm.urdf'
     urdf.write_text(gripper_arm.urdf())
@@ -80,9 +80,7 @@ def test_a_launch_file_starts_arms_with_parameters_that_they_have(
     assert all(node['parameters'][0]['use_sim_time'] is True for node in others)
 
 
-def test_one_of_two_arms_publishes_the_clock_that_the_other_follows(
-    recorder: dict[str, type[Recorded]],
-) -> None:
+def test_one_of_two_arms_publishes_the_clock_that_the_other_follows(recorder) -> None:
     arms = nodes(FOLDER / 'two_arms.launch.py', recorder, Path())
     keys = ('publish_clock', 'time_source')
     told = {arm['namespace']: [arm['parameters'][0][key] for key in keys] for arm in arms}
@@ -91,7 +89,7 @@ def test_one_of_two_arms_publishes_the_clock_that_the_other_follows(
 
 @pytest.mark.ros
 @pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
-def test_a_launch_file_runs(path: Path, tmp_path: Path) -> None:
+def test_a_launch_file_runs(path: Path, tmp_path) -> None:
     launch = pytest.importorskip('launch')
     pytest.importorskip('launch_ros')
     from launch.actions import IncludeLaunchDescription, Shutdown, TimerAction

@@ -96,7 +96,7 @@ LEGAL = {
 
 
 @pytest.mark.parametrize('name', LEGAL)
-def test_what_the_format_allows_is_read(tmp_path: Path, name: str) -> None:
+def test_what_the_format_allows_is_read(tmp_path, name: str) -> None:
     path = saved(tmp_path, LEGAL[name])
     found = list(mcap_records(path))
     assert [one.data for one in found if isinstance(one, Message)] == [row.data for row in ROWS]
@@ -122,7 +122,7 @@ def test_what_the_format_allows_is_read(tmp_path: Path, name: str) -> None:
     ],
 )
 def test_files_of_the_package_mcap_are_read_as_it_reads_them(
-    tmp_path: Path, compression: CompressionType, chunked: bool, indexed: bool, crcs: bool
+    tmp_path, compression: CompressionType, chunked: bool, indexed: bool, crcs: bool
 ) -> None:
     path = write_mcap(
         tmp_path / 'a.mcap',
@@ -143,7 +143,7 @@ def test_files_of_the_package_mcap_are_read_as_it_reads_them(
     assert len(wanted) == 300
 
 
-def test_a_file_is_read_up_to_its_cut_wherever_that_is(tmp_path: Path) -> None:
+def test_a_file_is_read_up_to_its_cut_wherever_that_is(tmp_path) -> None:
     whole = write_mcap(tmp_path / 'w.mcap', states(12), chunk_size=500)
     data, wanted = whole.read_bytes(), messages(whole)
     counts = []
@@ -179,9 +179,7 @@ def frames(data: bytes) -> list[tuple[int, int, int]]:
     return found
 
 
-def test_a_flipped_bit_alters_no_message_and_is_damage_unless_it_is_in_an_index(
-    tmp_path: Path,
-) -> None:
+def test_a_flipped_bit_alters_no_message_and_is_damage_unless_it_is_in_an_index(tmp_path) -> None:
     whole = write_mcap(tmp_path / 'w.mcap', states(6), chunk_size=700, enable_data_crcs=True)
     data, wanted = whole.read_bytes(), messages(whole)
     parts = frames(data)
@@ -270,7 +268,7 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize('name', HOSTILE)
-def test_hostile_and_damaged_files_are_refused_with_a_line(tmp_path: Path, name: str) -> None:
+def test_hostile_and_damaged_files_are_refused_with_a_line(tmp_path, name: str) -> None:
     content, line = HOSTILE[name]
     with pytest.raises(LogError, match=line) as raised:
         read_log(saved(tmp_path, content))
@@ -278,7 +276,7 @@ def test_hostile_and_damaged_files_are_refused_with_a_line(tmp_path: Path, name:
     assert str(raised.value).isprintable()
 
 
-def test_the_bound_of_unpacked_bytes_can_be_raised(tmp_path: Path) -> None:
+def test_the_bound_of_unpacked_bytes_can_be_raised(tmp_path) -> None:
     rows = [Row(STATES, k, ROWS[0].data[:52] + bytes(1 << 20)) for k in range(20)]
     path = write_mcap(tmp_path / 'a.mcap', rows, compression=CompressionType.ZSTD)
     with pytest.raises(LogError, match=r'mcap decompress.*expansion=1000'):
@@ -302,7 +300,7 @@ FOREIGN = {
 
 
 @pytest.mark.parametrize('name', FOREIGN)
-def test_files_that_are_no_log_are_named(tmp_path: Path, name: str) -> None:
+def test_files_that_are_no_log_are_named(tmp_path, name: str) -> None:
     content, line = FOREIGN[name]
     (tmp_path / name).write_bytes(content)
     with pytest.raises(LogError, match=line) as raised:
@@ -310,7 +308,7 @@ def test_files_that_are_no_log_are_named(tmp_path: Path, name: str) -> None:
     assert 'damaged' not in str(raised.value)
 
 
-def test_a_folder_a_device_and_a_missing_file_are_named(tmp_path: Path) -> None:
+def test_a_folder_a_device_and_a_missing_file_are_named(tmp_path) -> None:
     with pytest.raises(LogError, match=r'no MCAP or \.db3 file'):
         read_log(tmp_path)
     with pytest.raises(LogError, match='is not a regular file'):
@@ -321,9 +319,7 @@ def test_a_folder_a_device_and_a_missing_file_are_named(tmp_path: Path) -> None:
 
 @settings(max_examples=3 * settings().max_examples)
 @given(st.data())
-def test_any_bytes_in_a_chunk_are_read_or_named(
-    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
-) -> None:
+def test_any_bytes_in_a_chunk_are_read_or_named(tmp_path_factory, data: st.DataObject) -> None:
     raw = data.draw(st.binary(max_size=60)) + data.draw(st.sampled_from([b'', INSIDE]))
     path = saved(tmp_path_factory.mktemp('drawn'), MAGIC + chunk(raw) + ending())
     try:

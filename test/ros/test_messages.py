@@ -102,12 +102,7 @@ def bits(values: Any) -> bytes:
 
 @given(st.data(), STAMPS, TEXTS, NAMES, st.dictionaries(TEXTS, NUMBER, max_size=2))
 def test_others_read_the_states_we_write(
-    read: Reader,
-    data: st.DataObject,
-    stamp: int,
-    frame_id: str,
-    names: list[str],
-    fixed: dict[str, float],
+    read, data: st.DataObject, stamp: int, frame_id: str, names: list[str], fixed: dict[str, float]
 ) -> None:
     rows = data.draw(several(3, len(names)))
     encoder = joint_encoder(names, frame_id, fixed)
@@ -138,11 +133,7 @@ def test_an_encoder_of_some_fields_leaves_the_others_empty(
 
 @given(STAMPS, TEXTS, NAMES, st.tuples(*[st.lists(NUMBER, max_size=4)] * 3))
 def test_we_read_any_joint_state_that_rclpy_writes(
-    write: Callable[[Any], bytes],
-    stamp: int,
-    frame_id: str,
-    names: list[str],
-    arrays: tuple[list[float], ...],
+    write, stamp: int, frame_id: str, names: list[str], arrays: tuple[list[float], ...]
 ) -> None:
     from sensor_msgs.msg import JointState
 
@@ -186,7 +177,7 @@ FIELDS = {
 @pytest.mark.parametrize('kind', MESSAGE_NUMBERS)
 @given(st.data(), STAMPS, TEXTS)
 def test_others_read_headed_numbers_as_we_write_them_and_so_do_we(
-    read: Reader, kind: str, data: st.DataObject, stamp: int, frame_id: str
+    read, kind: str, data: st.DataObject, stamp: int, frame_id: str
 ) -> None:
     numbers = data.draw(several(len(MESSAGE_NUMBERS[kind])))
     written = numbers_encoder(kind, frame_id).encode(stamp, numbers)
@@ -199,14 +190,14 @@ def test_others_read_headed_numbers_as_we_write_them_and_so_do_we(
 
 
 @given(STAMPS)
-def test_others_read_the_clock_we_write_and_so_do_we(read: Reader, stamp: int) -> None:
+def test_others_read_the_clock_we_write_and_so_do_we(read, stamp: int) -> None:
     assert nanoseconds(read(encode_clock(stamp), CLOCK_TYPE).clock) == stamp
     assert decode_clock(encode_clock(stamp)) == stamp
 
 
 @given(st.data(), STAMPS, st.lists(st.tuples(TEXTS, TEXTS), max_size=4))
 def test_others_read_the_frames_we_write(
-    read: Reader, data: st.DataObject, stamp: int, frames: list[tuple[str, str]]
+    read, data: st.DataObject, stamp: int, frames: list[tuple[str, str]]
 ) -> None:
     numbers = data.draw(several(len(frames), 7))
     message = read(transform_encoder(frames).encode(stamp, numbers), TRANSFORMS_TYPE)
@@ -218,7 +209,7 @@ def test_others_read_the_frames_we_write(
         assert bits([place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w]) == bits(wanted)
 
 
-def test_others_read_the_arrays_we_write_with_their_layout_and_so_do_we(read: Reader) -> None:
+def test_others_read_the_arrays_we_write_with_their_layout_and_so_do_we(read) -> None:
     values = np.arange(6.0).reshape(2, 3)
     layout = [('row', ('x', 'yy')), ('column', ('a', 'b', 'c'))]
     data = array_encoder(layout).encode(0, values)
@@ -230,9 +221,7 @@ def test_others_read_the_arrays_we_write_with_their_layout_and_so_do_we(read: Re
 
 
 @given(st.lists(TEXTS, max_size=3), st.lists(NUMBER, max_size=5))
-def test_we_read_arrays_with_any_layout(
-    write: Callable[[Any], bytes], labels: list[str], values: list[float]
-) -> None:
+def test_we_read_arrays_with_any_layout(write, labels: list[str], values: list[float]) -> None:
     from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
     message = Float64MultiArray(data=values)
@@ -243,7 +232,7 @@ def test_we_read_arrays_with_any_layout(
 
 
 @given(TEXTS)
-def test_others_read_the_text_we_write_and_so_do_we(read: Reader, text: str) -> None:
+def test_others_read_the_text_we_write_and_so_do_we(read, text: str) -> None:
     assert read(encode_string(text), STRING_TYPE).data == text
     assert decode_string(encode_string(text)) == text
 

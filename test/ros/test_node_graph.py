@@ -33,7 +33,7 @@ def wait_for_reports(arm: Process) -> None:
 
 
 def test_topics_types_and_the_order_of_joints_are_logged_and_once_that_nobody_commands(
-    processes: Processes,
+    processes,
 ) -> None:
     arm = reporting_often(
         *(processes, '-p', 'robot:=planar2', '-p', 'joints:=[elbow, shoulder]'),
@@ -53,7 +53,7 @@ def test_topics_types_and_the_order_of_joints_are_logged_and_once_that_nobody_co
     assert arm.text().count(wanted) == 1
 
 
-def test_a_good_peer_causes_no_log_line(processes: Processes, peer_of) -> None:
+def test_a_good_peer_causes_no_log_line(processes, peer_of) -> None:
     # Without gravity the arm stays where it is, however long the reports take.
     peer = peer_of(processes)
     arm = reporting_often(processes, '-p', 'gravity:=[0.0, 0.0, 0.0]')
@@ -67,7 +67,7 @@ def test_a_good_peer_causes_no_log_line(processes: Processes, peer_of) -> None:
 
 
 def test_a_best_effort_publisher_is_named_with_the_parameter_that_helps(
-    processes: Processes, peer_of
+    processes, peer_of
 ) -> None:
     from rclpy.qos import qos_profile_sensor_data
     from sensor_msgs.msg import JointState
@@ -92,9 +92,7 @@ def test_a_best_effort_publisher_is_named_with_the_parameter_that_helps(
     assert 'incompatible QoS' not in arm.text()
 
 
-def test_nodes_that_disturb_the_arm_or_cannot_be_heard_are_named_once(
-    processes: Processes, peer_of
-) -> None:
+def test_nodes_that_disturb_the_arm_or_cannot_be_heard_are_named_once(processes, peer_of) -> None:
     import rclpy
     from rosgraph_msgs.msg import Clock
     from sensor_msgs.msg import JointState
@@ -128,7 +126,7 @@ def test_nodes_that_disturb_the_arm_or_cannot_be_heard_are_named_once(
     assert [arm.text().count(line) for line in lines] == [1] * len(lines)
 
 
-def test_diagnostics_report_each_task_of_the_node(processes: Processes, peer_of) -> None:
+def test_diagnostics_report_each_task_of_the_node(processes, peer_of) -> None:
     from diagnostic_msgs.msg import DiagnosticArray
     from std_msgs.msg import String
 
@@ -196,9 +194,7 @@ def test_diagnostics_report_each_task_of_the_node(processes: Processes, peer_of)
     arm.stop()
 
 
-def test_a_model_that_does_not_come_is_waited_for_until_a_signal(
-    processes: Processes, peer_of
-) -> None:
+def test_a_model_that_does_not_come_is_waited_for_until_a_signal(processes, peer_of) -> None:
     # A volatile one comes before the node, and is lost.
     description_publisher(peer_of(processes), durability='volatile')('<robot/>')
     arm = processes.arm('-p', 'robot:=robot_description', ready=False)
@@ -220,7 +216,7 @@ def test_a_model_that_does_not_come_is_waited_for_until_a_signal(
 )
 @pytest.mark.slow
 def test_a_hostile_model_is_refused_in_one_line(
-    processes: Processes, peer_of, text: str, reason: str
+    processes, peer_of, text: str, reason: str
 ) -> None:
     description_publisher(peer_of(processes))(text)
     arm = processes.arm('-p', 'robot:=robot_description', '-p', 'locked:=[finger]', ready=False)
@@ -231,9 +227,7 @@ def test_a_hostile_model_is_refused_in_one_line(
 
 
 @pytest.mark.slow
-def test_the_arm_takes_everything_from_the_topic_and_its_ros2_control(
-    processes: Processes, peer_of
-) -> None:
+def test_the_arm_takes_everything_from_the_topic_and_its_ros2_control(processes, peer_of) -> None:
     from sensor_msgs.msg import JointState
 
     peer = peer_of(processes, 'left')
@@ -276,9 +270,7 @@ def test_the_arm_takes_everything_from_the_topic_and_its_ros2_control(
 
 
 @pytest.mark.slow
-def test_remappings_and_parameters_count_before_the_ros2_control(
-    processes: Processes, peer_of
-) -> None:
+def test_remappings_and_parameters_count_before_the_ros2_control(processes, peer_of) -> None:
     from std_msgs.msg import Float64MultiArray, String
 
     (processes.folder / 'arm.urdf').write_text(gripper_arm.urdf())

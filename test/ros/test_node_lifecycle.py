@@ -58,9 +58,7 @@ def transitions(path: Path) -> list[tuple[int, str, str, str]]:
     return found
 
 
-def test_an_arm_is_configured_moved_stopped_and_configured_again(
-    processes: Processes, peer_of
-) -> None:
+def test_an_arm_is_configured_moved_stopped_and_configured_again(processes, peer_of) -> None:
     node = waiting(processes, '-p', 'robot:=r2d2', '-p', 'recording:=a.mcap')
     peer = peer_of(processes)
     # A model that does not load, a transition that is not possible, one that does not exist.
@@ -134,7 +132,7 @@ def test_an_arm_is_configured_moved_stopped_and_configured_again(
 
 @pytest.mark.slow
 def test_an_inactive_arm_in_lockstep_sends_nothing_and_does_not_ask_for_answers(
-    processes: Processes, peer_of
+    processes, peer_of
 ) -> None:
     settings = ('-p', 'lockstep:=true', '-p', 'wait_for_controller:=true')
     node = waiting(processes, *settings, '-p', 'robot:=planar2')
@@ -156,7 +154,7 @@ def test_an_inactive_arm_in_lockstep_sends_nothing_and_does_not_ask_for_answers(
 
 
 def test_each_configuration_has_the_parameters_of_its_robot_and_leaves_no_topic_behind(
-    processes: Processes, peer_of
+    processes, peer_of
 ) -> None:
     from rcl_interfaces.srv import GetParameters
 
@@ -190,7 +188,7 @@ def test_each_configuration_has_the_parameters_of_its_robot_and_leaves_no_topic_
     node.stop()
 
 
-def test_each_configuration_takes_the_model_of_its_time(processes: Processes, peer_of) -> None:
+def test_each_configuration_takes_the_model_of_its_time(processes, peer_of) -> None:
     settings = ('robot:=robot_description', 'description_timeout:=0.5', 'locked:=[finger]')
     node = waiting(processes, *(part for one in settings for part in ('-p', one)))
     peer, topic = peer_of(processes), '/robot_joint_commands'
@@ -208,7 +206,7 @@ def test_each_configuration_takes_the_model_of_its_time(processes: Processes, pe
     node.stop()
 
 
-def test_shutdown_ends_the_process_with_a_closed_file(processes: Processes, peer_of) -> None:
+def test_shutdown_ends_the_process_with_a_closed_file(processes, peer_of) -> None:
     node = processes.arm('-p', 'recording:=arm.mcap')
     peer = peer_of(processes)
     peer.connect()
@@ -224,9 +222,7 @@ def test_shutdown_ends_the_process_with_a_closed_file(processes: Processes, peer
     assert verify_log(processes.folder / 'arm.mcap').complete
 
 
-def test_a_fault_in_a_transition_is_logged_and_the_node_continues(
-    processes: Processes, peer_of
-) -> None:
+def test_a_fault_in_a_transition_is_logged_and_the_node_continues(processes, peer_of) -> None:
     node = waiting(processes, fault='configuring_fails')
     peer = peer_of(processes)
     assert not transition(peer, 'configure')
@@ -235,9 +231,7 @@ def test_a_fault_in_a_transition_is_logged_and_the_node_continues(
     assert "configure failed: KeyError: '{0}'" in node.text()
 
 
-def test_an_arm_that_answers_too_late_does_not_become_active(
-    processes: Processes, peer_of
-) -> None:
+def test_an_arm_that_answers_too_late_does_not_become_active(processes, peer_of) -> None:
     # What takes the request back is the second input.
     node = waiting(processes, '-p', 'robot:=planar2', fault='first_step_after_2')
     peer = peer_of(processes)
@@ -254,7 +248,7 @@ def test_an_arm_that_answers_too_late_does_not_become_active(
 
 @pytest.mark.parametrize(('fault', 'status'), [('configuring_lasts', 0), ('configuring_hangs', 1)])
 def test_a_signal_waits_for_the_transition_and_closes_the_file_before_the_next_one(
-    processes: Processes, peer_of, fault: str, status: int
+    processes, peer_of, fault: str, status: int
 ) -> None:
     from lifecycle_msgs.msg import Transition
     from lifecycle_msgs.srv import ChangeState
@@ -282,7 +276,7 @@ def test_a_signal_waits_for_the_transition_and_closes_the_file_before_the_next_o
     ],
 )
 def test_an_arm_that_cannot_be_started_is_cleaned_up(
-    processes: Processes, peer_of, fault: str, error: str
+    processes, peer_of, fault: str, error: str
 ) -> None:
     node = waiting(processes, '-p', 'recording:=a.mcap', fault=fault)
     peer = peer_of(processes)

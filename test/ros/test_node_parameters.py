@@ -14,7 +14,6 @@ import pytest
 from ros_processes import (
     MILLISECOND,
     Peer,
-    Processes,
     call,
     example_robot,
     parameter,
@@ -35,7 +34,7 @@ NODE, SIM = ('pfd_ros.node.main',), ('pfd_ros.cli.main', 'sim')
 PANDA = example_robot('panda_description/urdf/panda.urdf')
 
 
-def test_parameters_come_from_a_yaml_file(processes: Processes, peer_of) -> None:
+def test_parameters_come_from_a_yaml_file(processes, peer_of) -> None:
     (processes.folder / 'given.yaml').write_text(
         '/**:\n  ros__parameters:\n    robot: planar2\n    joints: [elbow, shoulder]\n'
         '    initial_positions: [0.5, -0.25]\n    step_size: 0.002\n    publish_rate: 100.0\n'
@@ -105,7 +104,7 @@ def assert_refused(status: int, output: str, text: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(('args', 'text'), BAD, ids=lambda value: str(value)[:60])
 def test_a_bad_parameter_is_named_and_the_status_is_1(
-    processes: Processes, args: tuple[str, ...], text: str
+    processes, args: tuple[str, ...], text: str
 ) -> None:
     make_what_is_in_the_way(processes.folder)
     process = processes.forked('pfd_ros.node.main', '--ros-args', *args)
@@ -113,7 +112,7 @@ def test_a_bad_parameter_is_named_and_the_status_is_1(
     assert (processes.folder / 'there.mcap').read_bytes() == b'dear'
 
 
-def test_a_process_with_a_bad_parameter_ends_so_too(processes: Processes) -> None:
+def test_a_process_with_a_bad_parameter_ends_so_too(processes) -> None:
     args, text = BAD[0]
     process = processes.python('-m', *NODE, '--ros-args', *args)
     assert_refused(process.end(), process.text(), text)
@@ -133,7 +132,7 @@ def test_a_process_with_a_bad_parameter_ends_so_too(processes: Processes) -> Non
     ],
 )
 def test_a_parameter_without_its_option_is_named_with_the_cure(
-    processes: Processes, start: tuple[str, ...], args: tuple[str, ...], text: str
+    processes, start: tuple[str, ...], args: tuple[str, ...], text: str
 ) -> None:
     process = processes.forked(*start, *args)
     assert process.process.wait(PATIENCE) == 1
@@ -162,7 +161,7 @@ def recorded_changes(path: Path) -> list[dict[str, Any]]:
 
 
 def test_a_node_takes_dynamic_parameters_and_refuses_all_else_with_a_reason(
-    processes: Processes, peer_of
+    processes, peer_of
 ) -> None:
     from rcl_interfaces.srv import SetParameters
 
@@ -236,9 +235,7 @@ def loaded(frame: str, mass: float) -> Any:
 
 
 @pytest.mark.slow
-def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
-    processes: Processes, peer_of
-) -> None:
+def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(processes, peer_of) -> None:
     # Integers are taken for doubles.
     (processes.folder / 'given.yaml').write_text(
         '/**:\n  ros__parameters:\n    robot: planar2\n    joints: [elbow, shoulder]\n'
@@ -300,7 +297,7 @@ def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
     assert {'payload_mass': 2.5, 'payload_center': [0.1, 0.0, 0.0]} in recorded_changes(path)
 
 
-def test_a_scene_file_is_read_once_and_recorded(processes: Processes, peer_of) -> None:
+def test_a_scene_file_is_read_once_and_recorded(processes, peer_of) -> None:
     scene = pfd.Scene(damping=[0.5, 0.25], friction=[0.1, 0.2])
     scene.save(processes.folder / 'scene.yaml')
     given = ('robot:=planar2', 'scene:=scene.yaml', 'recording:=a.mcap')
@@ -316,7 +313,7 @@ def test_a_scene_file_is_read_once_and_recorded(processes: Processes, peer_of) -
     assert pfd.load_scene(text) == scene
 
 
-def test_a_start_says_once_what_warnings_of_the_model_say(processes: Processes) -> None:
+def test_a_start_says_once_what_warnings_of_the_model_say(processes) -> None:
     some = ('-p', 'friction:=true', '-p', 'friction.elbow:=1.0')
     arm = processes.arm('-p', 'robot:=planar2', *some)
     # Warnings of Python are lines of the node's log.
@@ -327,7 +324,7 @@ def test_a_start_says_once_what_warnings_of_the_model_say(processes: Processes) 
 
 
 def test_a_start_and_a_state_outside_the_stops_are_logged_and_the_arm_continues(
-    processes: Processes, peer_of
+    processes, peer_of
 ) -> None:
     from sensor_msgs.msg import JointState
 
@@ -350,9 +347,7 @@ def test_a_start_and_a_state_outside_the_stops_are_logged_and_the_arm_continues(
     again.stop()
 
 
-def test_a_convention_decides_on_the_defaults_of_other_parameters(
-    processes: Processes, peer_of
-) -> None:
+def test_a_convention_decides_on_the_defaults_of_other_parameters(processes, peer_of) -> None:
     given = ('robot:=ur5', 'convention:=ur', 'command_timeout:=0.5', 'recording:=arm.mcap')
     given += ('viscous_scale.elbow_joint:=0.25', 'damping.elbow_joint:=4.0')
     arm = processes.arm(*(part for one in given for part in ('-p', one)))
@@ -371,9 +366,7 @@ def test_a_convention_decides_on_the_defaults_of_other_parameters(
     assert verify_log(processes.folder / 'arm.mcap').complete
 
 
-def test_an_arm_of_another_size_takes_scales_that_are_given_for_each_joint(
-    processes: Processes,
-) -> None:
+def test_an_arm_of_another_size_takes_scales_that_are_given_for_each_joint(processes) -> None:
     given = [
         f'{name}_scale.{x}:=0.0' for name in ('viscous', 'coulomb') for x in ('shoulder', 'elbow')
     ]

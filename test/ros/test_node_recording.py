@@ -18,7 +18,6 @@ import pytest
 from ros_processes import (
     NODE,
     Process,
-    Processes,
     environment,
     in_namespaces,
     stamp_ns,
@@ -41,9 +40,7 @@ def wait_for_bytes(process: Process, path: Path, size: int = 30_000) -> None:
 
 
 @pytest.mark.parametrize('signals', one_fast(['INT', 'TERM', 'HUP', 'INT INT', 'HUP TERM']))
-def test_a_signal_ends_the_node_cleanly_and_the_file_is_whole(
-    processes: Processes, signals: str
-) -> None:
+def test_a_signal_ends_the_node_cleanly_and_the_file_is_whole(processes, signals: str) -> None:
     arm = processes.arm('-p', 'recording:=arm.mcap', '-p', 'real_time_factor:=0.0')
     path = processes.folder / 'arm.mcap'
     wait_for_bytes(arm, path)
@@ -62,7 +59,7 @@ def test_a_signal_ends_the_node_cleanly_and_the_file_is_whole(
 
 @pytest.mark.parametrize('factor', one_fast(['1.0', '5.0'], '5.0'))
 def test_a_node_records_its_diagnostics_and_all_topics_that_viewers_need(
-    processes: Processes, factor: str
+    processes, factor: str
 ) -> None:
     arm = processes.faulty(
         'reports_often', '-p', 'recording:=arm.mcap', '-p', f'real_time_factor:={factor}'
@@ -98,7 +95,7 @@ def test_a_node_records_its_diagnostics_and_all_topics_that_viewers_need(
 
 
 @pytest.mark.slow
-def test_a_full_disk_stops_the_recording_and_not_the_arm(processes: Processes, peer_of) -> None:
+def test_a_full_disk_stops_the_recording_and_not_the_arm(processes, peer_of) -> None:
     # At unlimited speed the arm must not wait for a recording that has ended.
     arm = processes.arm('-p', 'recording:=arm.mcap', '-p', 'real_time_factor:=0.0')
     # The kernel writes up to this size and then refuses, as a full disk does.
@@ -116,9 +113,7 @@ def test_a_full_disk_stops_the_recording_and_not_the_arm(processes: Processes, p
 
 
 @pytest.mark.slow
-def test_a_flood_of_commands_drops_the_oldest_of_them_and_no_request(
-    processes: Processes, peer_of
-) -> None:
+def test_a_flood_of_commands_drops_the_oldest_of_them_and_no_request(processes, peer_of) -> None:
     from rclpy.duration import Duration
 
     count = MOST_WAITING_INPUTS + 100
@@ -149,7 +144,7 @@ def test_a_flood_of_commands_drops_the_oldest_of_them_and_no_request(
 
 
 @pytest.mark.slow
-def test_at_unlimited_speed_lockstep_waits_for_its_recording(processes: Processes) -> None:
+def test_at_unlimited_speed_lockstep_waits_for_its_recording(processes) -> None:
     settings = ('-p', 'recording:=arm.mcap', '-p', 'real_time_factor:=0.0')
     arm = processes.faulty('disk_is_slow', *settings, '-p', 'lockstep:=true')
     processes.python(str(Path(__file__).with_name('answering.py')))
@@ -160,7 +155,7 @@ def test_at_unlimited_speed_lockstep_waits_for_its_recording(processes: Processe
 
 @pytest.mark.slow
 def test_at_unlimited_speed_a_dead_disk_ends_the_recording_and_the_arm_answers_and_goes_on(
-    processes: Processes, peer_of
+    processes, peer_of
 ) -> None:
 
     settings = ('-p', 'recording:=arm.mcap', '-p', 'real_time_factor:=0.0')
@@ -175,9 +170,7 @@ def test_at_unlimited_speed_a_dead_disk_ends_the_recording_and_the_arm_answers_a
 
 
 @pytest.mark.parametrize('without', ['discovery', 'a network'])
-def test_without_discovery_or_a_network_an_arm_steps_and_records(
-    processes: Processes, without: str
-) -> None:
+def test_without_discovery_or_a_network_an_arm_steps_and_records(processes, without: str) -> None:
     alone = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'} if without == 'discovery' else {}
     # A new network, in which not even the loopback is up.
     network = in_namespaces('--net') if without == 'a network' else []
@@ -223,9 +216,7 @@ UNUSED = {'mcap', 'pfd_ros.replay', 'pfd_ros.recording.recorder', 'pfd_ros.demo'
 
 
 @pytest.mark.slow
-def test_a_start_collects_garbage_once_and_imports_nothing_of_other_commands(
-    processes: Processes,
-) -> None:
+def test_a_start_collects_garbage_once_and_imports_nothing_of_other_commands(processes) -> None:
     node = processes.python('-c', SCRIPT, 'sim', '--robot', 'planar2')
     node.wait_for_text('until its first command')
     node.stop()
@@ -237,7 +228,7 @@ def test_a_start_collects_garbage_once_and_imports_nothing_of_other_commands(
 
 
 def test_a_first_start_logs_that_it_compiles_and_a_warm_start_does_not(
-    processes: Processes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    processes, tmp_path, monkeypatch
 ) -> None:
     monkeypatch.setenv('PFD_CACHE', str(tmp_path / 'cache'))
     for compiles in (True, False):

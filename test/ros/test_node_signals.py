@@ -19,7 +19,6 @@ from ros_processes import (
     JOINTS,
     NODE,
     Process,
-    Processes,
     environment,
     parameter,
     set_parameters,
@@ -36,7 +35,7 @@ HANGS = ['stub_hangs', 'stub_hangs_in_c']
 
 
 @pytest.mark.parametrize('fault', HANGS)
-def test_a_third_signal_ends_a_process_that_hangs(processes: Processes, fault: str) -> None:
+def test_a_third_signal_ends_a_process_that_hangs(processes, fault: str) -> None:
     process = processes.python(FAULTY, fault)
     process.wait_for_text('steps')
     process.process.send_signal(INT)
@@ -79,7 +78,7 @@ def test_a_third_signal_ends_a_process_with_an_output_that_takes_no_line(reader:
             process.kill()
 
 
-def test_two_signals_are_a_clean_end(processes: Processes) -> None:
+def test_two_signals_are_a_clean_end(processes) -> None:
     for second in (INT, TERM, HUP):
         process = processes.python(FAULTY, 'stub_ends')
         process.wait_for_text('steps')
@@ -89,9 +88,7 @@ def test_two_signals_are_a_clean_end(processes: Processes) -> None:
         assert process.process.wait(PATIENCE) == 0
 
 
-def test_an_ignored_hangup_stays_ignored_and_an_ignored_interrupt_does_not(
-    processes: Processes,
-) -> None:
+def test_an_ignored_hangup_stays_ignored_and_an_ignored_interrupt_does_not(processes) -> None:
     # As under nohup, and as a shell starts a process in the background.
     output = processes.folder / 'output.txt'
     with output.open('wb') as stream:
@@ -119,7 +116,7 @@ def test_an_ignored_hangup_stays_ignored_and_an_ignored_interrupt_does_not(
     ],
 )
 def test_a_hang_at_the_end_of_a_run_and_of_a_start_that_fails_is_ended_by_an_alarm(
-    processes: Processes, fault: str, robot: str, text: str
+    processes, fault: str, robot: str, text: str
 ) -> None:
     arm = processes.faulty(fault, '-p', f'robot:={robot}', ready=robot != 'nobody')
     assert arm.end(*[INT] * (robot != 'nobody')) in (-signal.SIGALRM, 1)
@@ -150,9 +147,7 @@ def wait_for_handlers(process: Process) -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize('count', [6, pytest.param(240, marks=pytest.mark.long)])
-def test_a_signal_while_the_node_starts_ends_it_like_a_later_one(
-    processes: Processes, count: int
-) -> None:
+def test_a_signal_while_the_node_starts_ends_it_like_a_later_one(processes, count: int) -> None:
     def once(k: int) -> None:
         process = processes.python(*STARTS[k % len(STARTS)], '--ros-args', '-p', 'robot:=planar2')
         wait_for_handlers(process)
@@ -199,7 +194,7 @@ def test_the_handlers_of_signals_come_before_every_import_that_takes_long() -> N
 )
 @pytest.mark.slow
 def test_a_thread_that_ends_ends_the_node_with_a_closed_file(
-    processes: Processes, fault: str, text: str
+    processes, fault: str, text: str
 ) -> None:
     arm = processes.faulty(fault, '-p', 'recording:=arm.mcap', ready=False)
     assert arm.process.wait(PATIENCE) == 1, arm.text()
@@ -210,9 +205,7 @@ def test_a_thread_that_ends_ends_the_node_with_a_closed_file(
 
 @pytest.mark.ros
 @pytest.mark.slow
-def test_a_step_that_never_ends_is_logged_and_the_file_is_closed(
-    processes: Processes, peer_of
-) -> None:
+def test_a_step_that_never_ends_is_logged_and_the_file_is_closed(processes, peer_of) -> None:
 
     arm = processes.faulty('stepping_hangs', '-p', 'recording:=arm.mcap')
     arm.wait_for_text('hangs')
@@ -226,7 +219,7 @@ def test_a_step_that_never_ends_is_logged_and_the_file_is_closed(
 
 
 @pytest.mark.ros
-def test_a_node_ends_after_the_native_code_that_it_compiles(processes: Processes, peer_of) -> None:
+def test_a_node_ends_after_the_native_code_that_it_compiles(processes, peer_of) -> None:
     arm = processes.faulty('preparing_lasts', '-p', 'robot:=planar2')
     assert set_parameters(peer_of(processes), parameter('payload.mass', 1.0))[0]
     arm.wait_for_text('compiles')
@@ -235,9 +228,7 @@ def test_a_node_ends_after_the_native_code_that_it_compiles(processes: Processes
 
 
 @pytest.mark.ros
-def test_a_callback_that_fails_is_counted_and_the_arm_still_receives(
-    processes: Processes, peer_of
-) -> None:
+def test_a_callback_that_fails_is_counted_and_the_arm_still_receives(processes, peer_of) -> None:
     from std_srvs.srv import Trigger
 
     arm = processes.faulty('requests_fail')

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import importlib.util
 import json
 import os
@@ -14,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ros_processes import MILLISECOND, NODE, Peer, Processes, call, stamp_ns, transition, trigger
+from ros_processes import MILLISECOND, NODE, Peer, call, stamp_ns, transition, trigger
 
 from pfd_ros.messages.joints import decode_joints
 from pfd_ros.messages.text_and_arrays import decode_string
@@ -95,9 +94,7 @@ def requests(path: Path) -> list[tuple[str, int]]:
 
 
 @pytest.mark.skipif(INSTALLED, reason='simulation_interfaces is installed')
-def test_without_the_package_a_node_has_its_own_services_only(
-    processes: Processes, peer_of: Callable[..., Peer]
-) -> None:
+def test_without_the_package_a_node_has_its_own_services_only(processes, peer_of) -> None:
     arm = processes.arm(*ARM)
     peer = peer_of(processes)
     assert not trigger(peer, 'step').success
@@ -109,7 +106,7 @@ def test_without_the_package_a_node_has_its_own_services_only(
 
 
 def test_another_package_of_that_name_is_named_and_the_arm_works_without(
-    processes: Processes, monkeypatch: pytest.MonkeyPatch
+    processes, monkeypatch
 ) -> None:
     package = processes.folder / 'other' / 'simulation_interfaces'
     package.mkdir(parents=True)
@@ -125,7 +122,7 @@ def test_another_package_of_that_name_is_named_and_the_arm_works_without(
 
 
 def test_an_arm_in_a_namespace_is_paused_stepped_reset_and_stopped_and_its_recording_verifies(
-    processes: Processes, peer_of: Callable[..., Peer]
+    processes, peer_of
 ) -> None:
     pytest.importorskip('simulation_interfaces')
     arm = processes.arm(*ARM, '-r', '__ns:=/left')
@@ -211,7 +208,7 @@ def test_an_arm_in_a_namespace_is_paused_stepped_reset_and_stopped_and_its_recor
 
 
 def test_steps_in_lockstep_wait_for_their_commands_which_the_node_takes_meanwhile(
-    processes: Processes, peer_of: Callable[..., Peer]
+    processes, peer_of
 ) -> None:
     pytest.importorskip('simulation_interfaces')
     arm = processes.arm(*ARM, '-p', 'lockstep:=true', '-p', 'real_time_factor:=0.0')
@@ -229,7 +226,7 @@ def test_steps_in_lockstep_wait_for_their_commands_which_the_node_takes_meanwhil
 
 @pytest.mark.slow
 def test_steps_that_another_request_ends_say_how_many_were_done_and_an_inactive_arm_has_none(
-    processes: Processes, peer_of: Callable[..., Peer]
+    processes, peer_of
 ) -> None:
     srv = pytest.importorskip('simulation_interfaces.srv')
     slow = ('-p', 'step_size:=0.1', '-p', 'real_time_factor:=0.5')
@@ -264,9 +261,7 @@ def test_steps_that_another_request_ends_say_how_many_were_done_and_an_inactive_
     assert verify_log(processes.folder / 'arm.mcap').complete
 
 
-def test_a_simulation_that_has_failed_says_so_until_it_is_reset(
-    processes: Processes, peer_of: Callable[..., Peer]
-) -> None:
+def test_a_simulation_that_has_failed_says_so_until_it_is_reset(processes, peer_of) -> None:
     pytest.importorskip('simulation_interfaces')
     damping = [part for name in NAMES for part in ('-p', f'damping.{name}:=1.0e6')]
     arm = processes.arm(*ARM, *damping, '-p', 'integrator:=rk4')

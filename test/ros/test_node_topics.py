@@ -65,7 +65,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
         processes.close()
 
 
-def test_a_torque_goes_in_and_a_moving_arm_comes_out(arm: Running) -> None:
+def test_a_torque_goes_in_and_a_moving_arm_comes_out(arm) -> None:
     peer = arm.peer
     first = peer.states[0]
     assert (list(first.name), first.header.frame_id) == (list(JOINTS), 'base')
@@ -92,9 +92,7 @@ REJECTED: list[tuple[str, list[str], list[float], dict[str, Any]]] = [
 ]
 
 
-def test_commands_are_taken_or_rejected_with_a_reason_on_a_topic_and_in_the_log(
-    arm: Running,
-) -> None:
+def test_commands_are_taken_or_rejected_with_a_reason_on_a_topic_and_in_the_log(arm) -> None:
     from std_msgs.msg import String
 
     peer, heard = arm.peer, list[str]()
@@ -131,7 +129,7 @@ def test_commands_are_taken_or_rejected_with_a_reason_on_a_topic_and_in_the_log(
     peer.node.destroy_subscription(rejected)
 
 
-def test_a_trajectory_of_efforts_moves_the_arm_from_point_to_point(arm: Running) -> None:
+def test_a_trajectory_of_efforts_moves_the_arm_from_point_to_point(arm) -> None:
     from builtin_interfaces.msg import Duration
     from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -147,7 +145,7 @@ def test_a_trajectory_of_efforts_moves_the_arm_from_point_to_point(arm: Running)
     assert ((efforts > 0.3) & (efforts < 0.95)).any()
 
 
-def test_a_joint_without_a_command_is_braked_and_a_reset_brakes_all(arm: Running) -> None:
+def test_a_joint_without_a_command_is_braked_and_a_reset_brakes_all(arm) -> None:
 
     peer = arm.peer
     assert trigger(peer, 'reset').success
@@ -162,7 +160,7 @@ def kind_of(package: str, name: str) -> Any:
 
 
 def test_a_simulation_that_overflows_is_logged_and_ends_the_node_with_status_1(
-    processes: Processes, peer_of
+    processes, peer_of
 ) -> None:
     settings = ('effort_limits:=false', 'recording:=arm.mcap')
     arm = processes.faulty('reports_often', *(p for one in settings for p in ('-p', one)))
@@ -193,7 +191,7 @@ rclpy.spin(node)
 @pytest.mark.slow
 @pytest.mark.long
 def test_a_stopped_reliable_reader_stops_neither_the_arm_nor_its_states(
-    processes: Processes, peer_of
+    processes, peer_of
 ) -> None:
     arm = processes.arm('-p', 'real_time_factor:=100.0', '-p', 'step_size:=0.01')
     reader = processes.python('-c', READER)
@@ -208,9 +206,7 @@ def test_a_stopped_reliable_reader_stops_neither_the_arm_nor_its_states(
 
 
 @pytest.mark.slow
-def test_a_servo_holds_after_the_last_command_and_a_reflex_is_logged(
-    processes: Processes, peer_of
-) -> None:
+def test_a_servo_holds_after_the_last_command_and_a_reflex_is_logged(processes, peer_of) -> None:
     gains = [
         ('-p', f'servo_{kind}.{joint}:={gain}')
         for joint in JOINTS
@@ -241,9 +237,7 @@ def test_a_servo_holds_after_the_last_command_and_a_reflex_is_logged(
 
 
 @pytest.mark.slow
-def test_readers_get_every_output_and_the_recording_verifies(
-    processes: Processes, peer_of
-) -> None:
+def test_readers_get_every_output_and_the_recording_verifies(processes, peer_of) -> None:
     chosen = {
         'outputs': f'[{", ".join(OPTIONAL_OUTPUTS)}]',
         'noise.position': '0.001',

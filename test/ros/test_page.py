@@ -158,7 +158,7 @@ FAULTS: dict[str, tuple[Any, int, dict[str, Any], tuple[Any, ...], str, str]] = 
 
 
 @pytest.mark.parametrize('name', FAULTS)
-def test_each_fault_is_found_with_its_kind_joint_time_and_count(name: str, tmp_path: Path) -> None:
+def test_each_fault_is_found_with_its_kind_joint_time_and_count(name: str, tmp_path) -> None:
     events, cycles, given, (severity, joint, time, count), kind, words = FAULTS[name]
     simulate(tmp_path / 'a.mcap', cycles, events, **given)
     page = shown(tmp_path / 'a.mcap')
@@ -171,7 +171,7 @@ def test_each_fault_is_found_with_its_kind_joint_time_and_count(name: str, tmp_p
     assert ('nothing went wrong' in page.said) == (severity == 'note')
 
 
-def test_a_run_without_faults_says_so_and_lists_the_checks(tmp_path: Path) -> None:
+def test_a_run_without_faults_says_so_and_lists_the_checks(tmp_path) -> None:
     simulate(tmp_path / 'a.mcap', 200, STEADY, **FREE)
     page = shown(tmp_path / 'a.mcap')
     said = page.said, page.first, page.findings, page.unreadable
@@ -180,7 +180,7 @@ def test_a_run_without_faults_says_so_and_lists_the_checks(tmp_path: Path) -> No
         assert re.search(f'Checked: [^.]*{check}', page.html), check
 
 
-def test_the_end_of_a_controller_is_no_fault(tmp_path: Path) -> None:
+def test_the_end_of_a_controller_is_no_fault(tmp_path) -> None:
     path = tmp_path / 'a.mcap'
     # The arm swings under gravity with its last efforts, until the watchdog brakes it.
     events = {k: [efforts(2.0, 1.0)] for k in range(1, 300)}
@@ -193,7 +193,7 @@ def test_the_end_of_a_controller_is_no_fault(tmp_path: Path) -> None:
     assert 'headline good' in page.html
 
 
-def test_a_window_of_a_log_shows_only_what_is_in_it(tmp_path: Path) -> None:
+def test_a_window_of_a_log_shows_only_what_is_in_it(tmp_path) -> None:
     path = tmp_path / 'a.mcap'
     events = {500: [efforts(1.0)], 3000: [efforts(1e300, 0.0)]}
     limits = {'effort_limits': False, 'torque_speed': False, 'recording_time': 'simulated'}
@@ -205,7 +205,7 @@ def test_a_window_of_a_log_shows_only_what_is_in_it(tmp_path: Path) -> None:
     assert kinds == [{'rejected input', 'failure'}, {'rejected input'}, set()]
 
 
-def test_a_joint_without_a_command_is_braked_in_the_diagnosis(tmp_path: Path) -> None:
+def test_a_joint_without_a_command_is_braked_in_the_diagnosis(tmp_path) -> None:
     path = tmp_path / 'a.mcap'
     simulate(path, 100, {5: [named(['elbow'], effort=(0.1,))]})
     lines = re.findall('<li>(.*?)</li>', shown(path).html)
@@ -213,7 +213,7 @@ def test_a_joint_without_a_command_is_braked_in_the_diagnosis(tmp_path: Path) ->
     assert not any(line.startswith('elbow: never') for line in lines)
 
 
-def test_commanded_positions_are_the_reference_of_a_joint(tmp_path: Path) -> None:
+def test_commanded_positions_are_the_reference_of_a_joint(tmp_path) -> None:
     path = tmp_path / 'a.mcap'
     # A motion of 2 Hz that a servo follows; the other joint is set to one position.
     wanted = 0.1 * (1.0 - np.cos(2 * np.pi * 2.0 * 1e-3 * np.arange(2000)))
@@ -231,9 +231,7 @@ def test_commanded_positions_are_the_reference_of_a_joint(tmp_path: Path) -> Non
     assert any(line.startswith('elbow: follows its reference within 0.0') for line in lines), lines
 
 
-def test_points_of_trajectories_are_drawn_up_to_the_next_and_feed_the_watchdog(
-    tmp_path: Path,
-) -> None:
+def test_points_of_trajectories_are_drawn_up_to_the_next_and_feed_the_watchdog(tmp_path) -> None:
     path = tmp_path / 'a.mcap'
     first = trajectory(('elbow', 'shoulder'), [0.1, 0.3], positions=[[0.1, 0.0], [0.2, 0.05]])
     events = {
@@ -266,7 +264,7 @@ def test_points_of_trajectories_are_drawn_up_to_the_next_and_feed_the_watchdog(
     ids=['refused trajectory', 'command', 'jump', 'reset'],
 )
 def test_points_are_drawn_up_to_what_ends_their_trajectory(
-    event: Any, last: float, tmp_path: Path
+    event: Any, last: float, tmp_path
 ) -> None:
     path = tmp_path / 'a.mcap'
     plan = trajectory(('elbow',), [0.1, 0.3, 0.4], positions=[[0.1], [0.2], [0.3]])
@@ -279,7 +277,7 @@ def test_points_are_drawn_up_to_what_ends_their_trajectory(
 # Logs of other programs.
 
 
-def test_joints_of_several_publishers_are_apart_and_have_no_gaps(tmp_path: Path) -> None:
+def test_joints_of_several_publishers_are_apart_and_have_no_gaps(tmp_path) -> None:
     sources = {
         'arms': (
             states([f'left_{x}' for x in UR5], TIMES),
@@ -301,7 +299,7 @@ def test_joints_of_several_publishers_are_apart_and_have_no_gaps(tmp_path: Path)
             assert np.isfinite(plot.values).all()
 
 
-def test_missing_states_are_a_gap_and_no_line_crosses_it(tmp_path: Path) -> None:
+def test_missing_states_are_a_gap_and_no_line_crosses_it(tmp_path) -> None:
     times = [t for k, t in enumerate(TIMES) if not 40 <= k < 60]
     page = shown(write_bag(tmp_path / 'a.mcap', states(['a', 'b'], times)))
     (gap,) = page.findings
@@ -314,9 +312,7 @@ def test_missing_states_are_a_gap_and_no_line_crosses_it(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize('kind', ['JSON', 'half of them cut off'])
-def test_a_log_that_cannot_be_read_is_never_good(
-    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_log_that_cannot_be_read_is_never_good(kind: str, tmp_path, capsys) -> None:
     path, more = tmp_path / 'a.mcap', {}
     rows = [('/joint_states', t, b'{"joints": []}') for t in TIMES]
     if kind == 'JSON':
@@ -335,7 +331,7 @@ def test_a_log_that_cannot_be_read_is_never_good(
     assert 'nothing went wrong' not in printed.out
 
 
-def test_messages_without_a_stamp_are_placed_by_the_state_before_them(tmp_path: Path) -> None:
+def test_messages_without_a_stamp_are_placed_by_the_state_before_them(tmp_path) -> None:
     path = tmp_path / 'a.mcap'
     # Simulated time at a tenth of the wall clock, logged by the wall clock.
     rows: list[tuple[str, float, Any]] = []
@@ -351,14 +347,14 @@ def test_messages_without_a_stamp_are_placed_by_the_state_before_them(tmp_path: 
     assert [page.plots[0].time[0], page.plots[0].time[-1]] == pytest.approx([5.0, 5.99])
 
 
-def test_stamps_that_are_no_times_are_replaced_by_log_times(tmp_path: Path) -> None:
+def test_stamps_that_are_no_times_are_replaced_by_log_times(tmp_path) -> None:
     rows = [(topic, t, {**given, 'stamp_ns': 17}) for topic, t, given in states(['a'], TIMES)]
     page = shown(write_bag(tmp_path / 'a.mcap', rows))
     assert any('times are log times' in note for note in page.notes)
     assert page.plots[0].time == pytest.approx(TIMES - DAY, abs=1e-6)
 
 
-def test_the_robot_of_another_log_gives_its_limits(tmp_path: Path) -> None:
+def test_the_robot_of_another_log_gives_its_limits(tmp_path) -> None:
     path, robot = write_bag(tmp_path / 'a.mcap', states(UR5, TIMES)), pfd.load_robot('ur5')
     assert 'limits (the log names no robot; --robot adds one)' in shown(path).html
     other = shown(path, robot=pfd.load_robot('planar2'))
@@ -370,7 +366,7 @@ def test_the_robot_of_another_log_gives_its_limits(tmp_path: Path) -> None:
     assert bounds.tolist() == [(-robot.velocity_limit).tolist(), robot.velocity_limit.tolist()]
 
 
-def test_limits_that_a_log_has_no_numbers_for_are_named(tmp_path: Path) -> None:
+def test_limits_that_a_log_has_no_numbers_for_are_named(tmp_path) -> None:
     robot = pfd.load_robot('ur5')
     other = write_bag(tmp_path / 'a.mcap', states(['a', *UR5[:5]], TIMES))
     (note,) = (x for x in shown(other, robot=robot).notes if 'limits' in x)
@@ -381,7 +377,7 @@ def test_limits_that_a_log_has_no_numbers_for_are_named(tmp_path: Path) -> None:
     assert note.startswith("no efforts of ['shoulder_pan_joint'")
 
 
-def test_infinite_states_are_found(tmp_path: Path) -> None:
+def test_infinite_states_are_found(tmp_path) -> None:
     rows = states(['a', 'b'], TIMES)
     rows[70][2]['velocity'][1] = np.inf
     page = shown(write_bag(tmp_path / 'a.mcap', rows))
@@ -391,7 +387,7 @@ def test_infinite_states_are_found(tmp_path: Path) -> None:
     assert found.time == pytest.approx(0.7, abs=1e-6)
 
 
-def test_diagnostics_are_findings_by_their_level(tmp_path: Path) -> None:
+def test_diagnostics_are_findings_by_their_level(tmp_path) -> None:
     types, rows = STORE.types, []
     for k, (level, text) in enumerate([(0, 'ok'), (1, BUSY), (1, 'warm'), (2, 'hot'), (2, 'hot')]):
         stamp = types['builtin_interfaces/msg/Time'](sec=k + 1, nanosec=0)
@@ -412,7 +408,7 @@ def test_diagnostics_are_findings_by_their_level(tmp_path: Path) -> None:
 # Curves, marks, energy.
 
 
-def test_commands_are_drawn_as_they_acted_and_nan_after_one_went_wrong(tmp_path: Path) -> None:
+def test_commands_are_drawn_as_they_acted_and_nan_after_one_went_wrong(tmp_path) -> None:
     path = tmp_path / 'a.mcap'
     names = pfd.load_robot('planar2').joint_names
     lost = named(names, [np.nan, np.nan])
@@ -429,7 +425,7 @@ def test_commands_are_drawn_as_they_acted_and_nan_after_one_went_wrong(tmp_path:
     np.testing.assert_allclose(values.T, np.tile([0.5, 0.2], (len(time), 1)), rtol=1e-6)
 
 
-def test_curves_hold_the_values_of_the_log(tmp_path: Path) -> None:
+def test_curves_hold_the_values_of_the_log(tmp_path) -> None:
     path = tmp_path / 'a.mcap'
     simulate(path, 300, {1: [efforts(0.5, 0.2)]})
     log, page = read_log(path)['/joint_states'], shown(path)
@@ -444,7 +440,7 @@ def test_curves_hold_the_values_of_the_log(tmp_path: Path) -> None:
         np.testing.assert_array_equal(values, getattr(log, item).T.astype('f4'))
 
 
-def test_a_long_curve_keeps_its_peaks(tmp_path: Path) -> None:
+def test_a_long_curve_keeps_its_peaks(tmp_path) -> None:
     names, count = ['a', 'b'], 50_001
     rng = np.random.default_rng(1)
     values = rng.standard_normal((count, 2))
@@ -464,7 +460,7 @@ def test_a_long_curve_keeps_its_peaks(tmp_path: Path) -> None:
     assert drawn.max(axis=1) == pytest.approx(values.max(axis=0), rel=1e-6)
 
 
-def test_reference_tolerance_push_and_failed_assertion_are_drawn(tmp_path: Path) -> None:
+def test_reference_tolerance_push_and_failed_assertion_are_drawn(tmp_path) -> None:
     path = tmp_path / 'a.mcap'
     simulate(path, 100, STEADY, **FREE)
     time = np.array([0.02, 0.08])
@@ -485,7 +481,7 @@ def test_reference_tolerance_push_and_failed_assertion_are_drawn(tmp_path: Path)
     assert np.isnan(values[2:, [0, -1]]).all()
 
 
-def test_the_energy_follows_the_payload_of_the_run(tmp_path: Path) -> None:
+def test_the_energy_follows_the_payload_of_the_run(tmp_path) -> None:
     pin = pytest.importorskip('pinocchio')
     path = tmp_path / 'a.mcap'
     events = {
@@ -522,7 +518,7 @@ NUMBERS = (0.0, 1.0, -2.5, np.nan, np.inf, 1e308)
 
 
 @pytest.mark.parametrize('seed', range(8))
-def test_random_and_damaged_messages_are_shown_or_named(seed: int, tmp_path: Path) -> None:
+def test_random_and_damaged_messages_are_shown_or_named(seed: int, tmp_path) -> None:
     rng, rows = random.Random(seed), []
     for k in range(60):
         kind = rng.choice(KINDS)
@@ -542,7 +538,7 @@ def test_random_and_damaged_messages_are_shown_or_named(seed: int, tmp_path: Pat
     assert [x.time for x in page.findings] == sorted(x.time for x in page.findings)
 
 
-def test_a_damaged_head_is_an_error_with_the_name_of_the_file(tmp_path: Path) -> None:
+def test_a_damaged_head_is_an_error_with_the_name_of_the_file(tmp_path) -> None:
     path, settings = tmp_path / 'b.mcap', {'settings': '{"publish_rate": "x"}'}
     simulate(tmp_path / 'a.mcap', 20)
     rewritten(
@@ -570,7 +566,7 @@ class Tags(HTMLParser):
             self.attributes.setdefault(name, []).append(value or '')
 
 
-def test_hostile_names_stay_text(tmp_path: Path) -> None:
+def test_hostile_names_stay_text(tmp_path) -> None:
     pages = []
     for k, name in enumerate(('harmless', HOSTILE)):
         rows = states([name, 'b'], [*TIMES, TIMES[-1] + 1.0], topic=f'/{name}/joint_states')
@@ -581,7 +577,7 @@ def test_hostile_names_stay_text(tmp_path: Path) -> None:
     assert data_of(pages[1])['plots'][0]['labels'][0].startswith('</script><img')
 
 
-def test_a_page_refers_to_nothing_and_runs_only_its_own_scripts(tmp_path: Path) -> None:
+def test_a_page_refers_to_nothing_and_runs_only_its_own_scripts(tmp_path) -> None:
     page = shown(write_bag(tmp_path / 'a.mcap', states(['a'], TIMES)))
     tags = Tags(page.html)
     assert not {'src', 'href', 'style', 'onclick', 'onload'} & tags.attributes.keys()
@@ -643,7 +639,7 @@ LIMIT = """JSON.stringify([plots[2].over.getBoundingClientRect().left,
 
 @needs_browser
 def test_a_browser_draws_all_curves_a_drag_zooms_and_a_click_selects_a_joint(
-    browser: Any, faulty: Path
+    browser, faulty
 ) -> None:
     states = read_log(faulty.with_suffix('.mcap'))['/joint_states']
     with drawn(browser, faulty) as count:
@@ -673,7 +669,7 @@ def test_a_browser_draws_all_curves_a_drag_zooms_and_a_click_selects_a_joint(
 
 
 @needs_browser
-def test_curves_are_seen_in_light_and_dark(browser: Any, faulty: Path) -> None:
+def test_curves_are_seen_in_light_and_dark(browser, faulty) -> None:
     with drawn(browser, faulty):
         colours = []
         for dark in (False, True):
@@ -692,7 +688,7 @@ def test_curves_are_seen_in_light_and_dark(browser: Any, faulty: Path) -> None:
 
 
 @needs_browser
-def test_limits_of_a_joint_are_drawn_when_it_is_seen_alone(browser: Any, faulty: Path) -> None:
+def test_limits_of_a_joint_are_drawn_when_it_is_seen_alone(browser, faulty) -> None:
     with drawn(browser, faulty):
         browser.value('box.querySelectorAll(".plot")[2].scrollIntoView()')
 
@@ -708,7 +704,7 @@ def test_limits_of_a_joint_are_drawn_when_it_is_seen_alone(browser: Any, faulty:
 
 
 @needs_browser
-def test_hostile_names_draw_without_errors(browser: Any, tmp_path: Path) -> None:
+def test_hostile_names_draw_without_errors(browser, tmp_path) -> None:
     rows = states([HOSTILE, 'b'], TIMES, topic=f'/{HOSTILE}/joint_states')
     shown(write_bag(tmp_path / 'a.mcap', rows)).write(tmp_path / 'page.html')
     with drawn(browser, tmp_path / 'page.html') as count:

@@ -55,7 +55,7 @@ def read(path: Path) -> Bag:
     return bag
 
 
-def test_inputs_of_a_recording_are_withheld_under_every_name(tmp_path: Path) -> None:
+def test_inputs_of_a_recording_are_withheld_under_every_name(tmp_path) -> None:
     topics = {'joint_commands': '/harmless', 'commands': '/joint_states_2'}
     run = busy(tmp_path / 'a.mcap', topics=topics)
     bag = read(tmp_path / 'a.mcap')
@@ -143,7 +143,7 @@ UNPUBLISHED = {
 }
 
 
-def test_topics_that_cannot_be_published_are_named_and_the_others_are(tmp_path: Path) -> None:
+def test_topics_that_cannot_be_published_are_named_and_the_others_are(tmp_path) -> None:
     bag = Bag(tmp_path)
     bag.topics |= {name: BagTopic(name, *row[:3]) for name, row in UNPUBLISHED.items()}
     bag.topics['/good'] = BagTopic('/good', JOINT_STATE, 'cdr', definition(JOINT_STATE))
@@ -167,7 +167,7 @@ def test_topics_that_cannot_be_published_are_named_and_the_others_are(tmp_path: 
     ],
 )
 def test_wrong_topics_and_remappings_are_named(
-    tmp_path: Path, wanted: list[str] | None, remaps: list[tuple[str, str]], line: str
+    tmp_path, wanted: list[str] | None, remaps: list[tuple[str, str]], line: str
 ) -> None:
     rows = [*states(2), Row(WORDS, 1.0, string('a')), *states(2, topic='/a/commands')]
     bag = read(write_mcap(tmp_path / 'a.mcap', rows, {WORDS: STRING}))
@@ -178,7 +178,7 @@ def test_wrong_topics_and_remappings_are_named(
         choose_topics(bag, {}, wanted, remaps)
 
 
-def test_a_log_of_commands_alone_has_nothing_to_publish(tmp_path: Path) -> None:
+def test_a_log_of_commands_alone_has_nothing_to_publish(tmp_path) -> None:
     bag = read(write_mcap(tmp_path / 'a.mcap', states(2, topic='/a/commands')))
     with pytest.raises(
         ValueError, match=r"nothing to publish: .*\['/a/commands'\]\. Name them in"
@@ -186,9 +186,7 @@ def test_a_log_of_commands_alone_has_nothing_to_publish(tmp_path: Path) -> None:
         choose_topics(bag, {})
 
 
-def test_a_topic_has_the_strongest_recorded_qos_else_the_default_of_its_name(
-    tmp_path: Path,
-) -> None:
+def test_a_topic_has_the_strongest_recorded_qos_else_the_default_of_its_name(tmp_path) -> None:
     def qos_of(offer: str, *topics: str) -> list[Qos]:
         rows = [Row(topic, 1.0, string('a')) for topic in topics]
         kinds = dict.fromkeys(topics, STRING)
@@ -313,7 +311,7 @@ def write_words(path: Path, count: int, apart: float = 1.0) -> Path:
 
 
 def test_each_message_of_a_recording_comes_bit_for_bit_and_no_command(
-    processes: Processes, peer_of: PeerOf, tmp_path: Path
+    processes, peer_of, tmp_path
 ) -> None:
     run = busy(tmp_path / 'a.mcap', cycles=100, recording_time='simulated')
     sent: dict[str, list[bytes]] = {role: [] for role in run.topics}
@@ -336,7 +334,7 @@ def test_each_message_of_a_recording_comes_bit_for_bit_and_no_command(
 
 
 def test_messages_out_of_order_come_in_order_up_to_a_cut_and_an_early_one_is_not_waited_for(
-    processes: Processes, peer_of: PeerOf, tmp_path: Path
+    processes, peer_of, tmp_path
 ) -> None:
     rows = states(1000, period=1e-3, epoch=6000.0)
     # No reader is too slow for a publisher that keeps all of them.
@@ -359,9 +357,7 @@ def test_messages_out_of_order_come_in_order_up_to_a_cut_and_an_early_one_is_not
     assert plain.on(STATES) == [row.data for row in (*rows[: count - 500], *rows[500:])]
 
 
-def test_a_paused_log_steps_seeks_and_resumes(
-    processes: Processes, peer_of: PeerOf, tmp_path: Path
-) -> None:
+def test_a_paused_log_steps_seeks_and_resumes(processes, peer_of, tmp_path) -> None:
     from rcl_interfaces.msg import Parameter, ParameterValue
     from rcl_interfaces.srv import SetParameters
 
@@ -406,7 +402,7 @@ def test_a_paused_log_steps_seeks_and_resumes(
 
 
 def test_an_offset_a_duration_and_a_rate_choose_what_comes_and_a_clock_ticks_through_it(
-    processes: Processes, peer_of: PeerOf, tmp_path: Path
+    processes, peer_of, tmp_path
 ) -> None:
     peer = peer_of(processes)
     listener = Listener(peer, (CLOCK, 'rosgraph_msgs/msg/Clock'), (WORDS, STRING))
@@ -429,7 +425,7 @@ def test_an_offset_a_duration_and_a_rate_choose_what_comes_and_a_clock_ticks_thr
 
 
 def test_a_loop_says_that_time_goes_back_and_a_signal_ends_it_with_status_0(
-    processes: Processes, peer_of: PeerOf, tmp_path: Path
+    processes, peer_of, tmp_path
 ) -> None:
     peer = peer_of(processes)
     listener = Listener(peer, (WORDS, STRING))
@@ -448,7 +444,7 @@ def test_a_loop_says_that_time_goes_back_and_a_signal_ends_it_with_status_0(
     ('number', 'options'), [(signal.SIGINT, ()), (signal.SIGTERM, ('--start-paused',))]
 )
 def test_a_signal_before_the_end_has_the_status_of_a_shell(
-    processes: Processes, tmp_path: Path, number: signal.Signals, options: tuple[str, ...]
+    processes, tmp_path, number: signal.Signals, options: tuple[str, ...]
 ) -> None:
     player = start(processes, write_words(tmp_path / 'words.mcap', 100), *options)
     player.wait_for_text(' at 0.000 s')
@@ -458,7 +454,7 @@ def test_a_signal_before_the_end_has_the_status_of_a_shell(
 
 
 def test_an_error_of_the_player_itself_is_a_traceback_and_not_called_ros(
-    processes: Processes, tmp_path: Path
+    processes, tmp_path
 ) -> None:
     log = write_words(tmp_path / 'words.mcap', 2)
     next_ns = 'pfd_ros.replay.schedule.Schedule.next_ns'
@@ -476,7 +472,7 @@ def test_an_error_of_the_player_itself_is_a_traceback_and_not_called_ros(
     ],
 )
 def test_options_that_cannot_be_are_one_line_and_status_1(
-    tmp_path: Path, options: tuple[str, ...], line: str, capfd: pytest.CaptureFixture[str]
+    tmp_path, options: tuple[str, ...], line: str, capfd
 ) -> None:
     log = write_words(tmp_path / 'words.mcap', 3)
     with claimed_domain():

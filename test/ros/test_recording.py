@@ -49,9 +49,7 @@ def flushed(run: Run, path: Path) -> None:
 # What is written.
 
 
-def test_messages_are_in_the_order_of_the_engine_and_numbered_by_their_cycle(
-    tmp_path: Path,
-) -> None:
+def test_messages_are_in_the_order_of_the_engine_and_numbered_by_their_cycle(tmp_path) -> None:
     run = busy(tmp_path / 'run.mcap')
     assert len({message.role for message in run.messages}) == 5
     assert [*RecordedLog(tmp_path / 'run.mcap').messages()] == run.messages
@@ -60,7 +58,7 @@ def test_messages_are_in_the_order_of_the_engine_and_numbered_by_their_cycle(
 
 
 @pytest.mark.parametrize('base', ['wall', 'simulated'])
-def test_log_times_never_decrease_and_a_step_has_one(base: str, tmp_path: Path) -> None:
+def test_log_times_never_decrease_and_a_step_has_one(base: str, tmp_path) -> None:
     path = tmp_path / 'run.mcap'
     run = Run(path, recording_time=base, start_time=12.5)
     before = time.time_ns()
@@ -82,7 +80,7 @@ def test_log_times_never_decrease_and_a_step_has_one(base: str, tmp_path: Path) 
     assert before <= wall[0] <= wall[-1] <= time.time_ns()
 
 
-def test_the_head_has_settings_robot_topics_and_versions(tmp_path: Path) -> None:
+def test_the_head_has_settings_robot_topics_and_versions(tmp_path) -> None:
     path = tmp_path / 'run.mcap'
     run = busy(path, seed=3)
     with path.open('rb') as stream:
@@ -102,9 +100,7 @@ def test_the_head_has_settings_robot_topics_and_versions(tmp_path: Path) -> None
     assert sum(json.loads(end.metadata['recorded']).values()) == len(run.messages)
 
 
-def test_other_readers_decode_every_message_and_find_its_definition_and_qos(
-    tmp_path: Path,
-) -> None:
+def test_other_readers_decode_every_message_and_find_its_definition_and_qos(tmp_path) -> None:
     from rosbags.highlevel import AnyReader
 
     path = tmp_path / 'run.mcap'
@@ -131,7 +127,7 @@ def test_other_readers_decode_every_message_and_find_its_definition_and_qos(
     assert latched == {'/robot_description', '/sim_arm/payload_in_use'}
 
 
-def test_numbers_grow_beyond_32_bits(tmp_path: Path) -> None:
+def test_numbers_grow_beyond_32_bits(tmp_path) -> None:
     path = tmp_path / 'run.mcap'
     run = Run(path)
     run.engine.state.cycle = run.engine.state.step = 2**32 - 4
@@ -143,7 +139,7 @@ def test_numbers_grow_beyond_32_bits(tmp_path: Path) -> None:
     assert cycles == [*range(2**32 - 3, 2**32 + 5)]
 
 
-def test_a_message_is_in_the_file_while_the_run_continues(tmp_path: Path) -> None:
+def test_a_message_is_in_the_file_while_the_run_continues(tmp_path) -> None:
     path = tmp_path / 'run.mcap'
     run = Run(path)
     for k in (1, 2):
@@ -166,7 +162,7 @@ def test_topics_are_those_of_the_node_without_ros() -> None:
 # What cannot be opened.
 
 
-def test_a_file_without_room_for_its_head_is_removed(tmp_path: Path) -> None:
+def test_a_file_without_room_for_its_head_is_removed(tmp_path) -> None:
     path = tmp_path / 'run.mcap'
     with largest_file(1000), pytest.raises(OSError, match='too large'):
         Run(path)
@@ -174,7 +170,7 @@ def test_a_file_without_room_for_its_head_is_removed(tmp_path: Path) -> None:
     assert not threads_named('recording')
 
 
-def test_what_cannot_be_recorded_is_refused_before_the_run(tmp_path: Path) -> None:
+def test_what_cannot_be_recorded_is_refused_before_the_run(tmp_path) -> None:
     with pytest.raises(FileNotFoundError):
         Run(tmp_path / 'missing' / 'run.mcap')
     with pytest.raises(ValueError, match='null'):
@@ -219,7 +215,7 @@ def check_ended(run: Run, why: str) -> None:
 
 @pytest.mark.parametrize('fault', FAULTS)
 def test_a_file_that_another_program_takes_ends_the_recording(
-    fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    fault: str, tmp_path, monkeypatch
 ) -> None:
     monkeypatch.setattr('pfd_ros.recording.recorder.SYNC_SECONDS', 0.05)
     path = tmp_path / 'run.mcap'
@@ -250,9 +246,7 @@ def hanging(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
     return released
 
 
-def test_a_slow_disk_ends_the_recording_when_the_queue_is_full(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_slow_disk_ends_the_recording_when_the_queue_is_full(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr('pfd_ros.recording.recorder.QUEUE_BYTES', 100_000)
     released = hanging(monkeypatch)
     run = Run(tmp_path / 'run.mcap')
@@ -273,7 +267,7 @@ def test_a_slow_disk_ends_the_recording_when_the_queue_is_full(
     assert not verify_log(tmp_path / 'run.mcap').complete
 
 
-def test_closing_gives_up_on_a_dead_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_closing_gives_up_on_a_dead_disk(tmp_path, monkeypatch) -> None:
     released = hanging(monkeypatch)
     run = Run(tmp_path / 'run.mcap')
     run.step(times=10)
@@ -283,7 +277,7 @@ def test_closing_gives_up_on_a_dead_disk(tmp_path: Path, monkeypatch: pytest.Mon
     check_ended(run, 'closing took longer')
 
 
-def test_any_error_while_writing_ends_the_recording(tmp_path: Path) -> None:
+def test_any_error_while_writing_ends_the_recording(tmp_path) -> None:
     run = Run(tmp_path / 'run.mcap')
     run.step()
     run.recorder.put([ArmMessage('tip_pose', b'')], 0)
@@ -291,9 +285,7 @@ def test_any_error_while_writing_ends_the_recording(tmp_path: Path) -> None:
     check_ended(run, "'tip_pose' has no topic")
 
 
-def test_what_comes_after_closing_is_not_recorded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_comes_after_closing_is_not_recorded(tmp_path, monkeypatch) -> None:
     run = simulate(tmp_path / 'run.mcap', 3)
     monkeypatch.setattr('pfd_ros.recording.recorder.QUEUE_BYTES', 1000)
     run.recorder.put([aside()] * 100, 0)
@@ -321,7 +313,7 @@ for k in range(1, 1 << 40):
 
 @pytest.mark.parametrize('seconds', [0.02, 0.7])
 def test_a_killed_process_leaves_a_file_that_verifies_and_lacks_at_most_the_last_moment(
-    seconds: float, tmp_path: Path
+    seconds: float, tmp_path
 ) -> None:
     path = tmp_path / 'run.mcap'
     process = subprocess.Popen(

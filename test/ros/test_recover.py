@@ -69,7 +69,7 @@ def recovered(data: bytes, folder: Path) -> tuple[list[Found], list[str]]:
     return kept, found.lost
 
 
-def test_of_a_whole_file_nothing_is_lost(source: Path, tmp_path: Path) -> None:
+def test_of_a_whole_file_nothing_is_lost(source, tmp_path) -> None:
     kept, lost = recovered(source.read_bytes(), tmp_path)
     assert (kept, lost) == (messages(source), [])
     assert verify_log(tmp_path / 'whole.mcap') == verify_log(source)
@@ -79,21 +79,21 @@ def test_of_a_whole_file_nothing_is_lost(source: Path, tmp_path: Path) -> None:
     assert {topic for topic, *_ in described(source)} > {topic for topic, *_ in kept}
 
 
-def test_a_cut_of_a_recovered_file_is_seen(source: Path, tmp_path: Path) -> None:
+def test_a_cut_of_a_recovered_file_is_seen(source, tmp_path) -> None:
     recovered(source.read_bytes(), tmp_path)
     data, last = (tmp_path / 'whole.mcap').read_bytes(), chunks(tmp_path / 'whole.mcap')[-1]
     (tmp_path / 'cut.mcap').write_bytes(data[: last.chunk_start_offset])
     assert not verify_log(tmp_path / 'cut.mcap').complete
 
 
-def test_what_follows_a_whole_file_is_reported(source: Path, tmp_path: Path) -> None:
+def test_what_follows_a_whole_file_is_reported(source, tmp_path) -> None:
     data = source.read_bytes()
     kept, lost = recovered(data + data, tmp_path)
     assert kept == messages(source)
     assert [f'byte {len(data)} ' in part for part in lost] == [True]
 
 
-def test_a_cut_costs_the_chunk_that_it_is_in(source: Path, tmp_path: Path) -> None:
+def test_a_cut_costs_the_chunk_that_it_is_in(source, tmp_path) -> None:
     data, every = source.read_bytes(), messages(source)
     some = 0
     for at in random.Random(3).sample(range(len(MCAP_MAGIC), len(data)), 40):
@@ -111,7 +111,7 @@ def test_a_cut_costs_the_chunk_that_it_is_in(source: Path, tmp_path: Path) -> No
     assert some > 10
 
 
-def test_a_damaged_chunk_costs_that_chunk_alone(source: Path, tmp_path: Path) -> None:
+def test_a_damaged_chunk_costs_that_chunk_alone(source, tmp_path) -> None:
     data, every = source.read_bytes(), messages(source)
     sizes = []
     for chunk in chunks(source):
@@ -130,7 +130,7 @@ def test_a_damaged_chunk_costs_that_chunk_alone(source: Path, tmp_path: Path) ->
 
 @pytest.mark.parametrize('length', [0, 5, 2000, 1 << 20, 1 << 62])
 def test_a_damaged_length_costs_one_chunk_with_an_index_and_the_rest_without(
-    length: int, source: Path, tmp_path: Path
+    length: int, source, tmp_path
 ) -> None:
     data, every = source.read_bytes(), messages(source)
     chunk = chunks(source)[4]
@@ -148,7 +148,7 @@ def test_a_damaged_length_costs_one_chunk_with_an_index_and_the_rest_without(
     assert set(kept) <= set(every) - set(after)
 
 
-def test_a_damaged_index_costs_no_message(source: Path, tmp_path: Path) -> None:
+def test_a_damaged_index_costs_no_message(source, tmp_path) -> None:
     data, every = source.read_bytes(), messages(source)
     (begin,) = struct.unpack('<Q', data[-28:-20])
     for chunk in chunks(source):
@@ -159,9 +159,7 @@ def test_a_damaged_index_costs_no_message(source: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('offset', [3, 1 << 40, (1 << 64) - 1])
-def test_the_entries_of_the_index_that_are_right_are_used(
-    offset: int, source: Path, tmp_path: Path
-) -> None:
+def test_the_entries_of_the_index_that_are_right_are_used(offset: int, source, tmp_path) -> None:
     data = bytearray(source.read_bytes())
     (begin,) = struct.unpack('<Q', data[-28:-20])
     at, other = (chunks(source)[k].chunk_start_offset for k in (4, 9))
@@ -172,9 +170,7 @@ def test_the_entries_of_the_index_that_are_right_are_used(
     assert recovered(bytes(data), tmp_path) == expected
 
 
-def test_of_many_lost_parts_some_are_named_and_all_counted(
-    source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_of_many_lost_parts_some_are_named_and_all_counted(source, tmp_path, capsys) -> None:
     path = rewritten(source, tmp_path / 'many.mcap', chunk=300)
     data, many = bytearray(path.read_bytes()), chunks(path)
     for chunk in many:
@@ -186,7 +182,7 @@ def test_of_many_lost_parts_some_are_named_and_all_counted(
     assert lines[-2].split() == ['lost', str(len(many)), 'parts', 'in', 'all']
 
 
-def test_damage_outside_the_chunks_is_reported(source: Path, tmp_path: Path) -> None:
+def test_damage_outside_the_chunks_is_reported(source, tmp_path) -> None:
     data = bytearray(source.read_bytes())
     data[data.index(b'"seed"') + 1] ^= 1
     kept, lost = recovered(bytes(data), tmp_path)
@@ -194,7 +190,7 @@ def test_damage_outside_the_chunks_is_reported(source: Path, tmp_path: Path) -> 
     assert ['crc validation failed' in part for part in lost] == [True]
 
 
-def test_zeros_after_a_power_cut_are_reported(source: Path, tmp_path: Path) -> None:
+def test_zeros_after_a_power_cut_are_reported(source, tmp_path) -> None:
     chunk = chunks(source)[6]
     end = chunk.chunk_start_offset + chunk.chunk_length
     begin = source.read_bytes()[:end]
@@ -205,9 +201,7 @@ def test_zeros_after_a_power_cut_are_reported(source: Path, tmp_path: Path) -> N
 
 @pytest.mark.parametrize('compression', CompressionType)
 @pytest.mark.parametrize('chunked', [False, True])
-def test_logs_of_others_are_copied(
-    compression: CompressionType, chunked: bool, tmp_path: Path
-) -> None:
+def test_logs_of_others_are_copied(compression: CompressionType, chunked: bool, tmp_path) -> None:
     path = tmp_path / 'other.mcap'
     with path.open('wb') as stream:
         writer = Writer(
@@ -235,7 +229,7 @@ def test_logs_of_others_are_copied(
     assert found == {'/bare': {'who': 'me'}, '/typed': {}}
 
 
-def test_any_damage_leaves_a_readable_file(source: Path, tmp_path: Path) -> None:
+def test_any_damage_leaves_a_readable_file(source, tmp_path) -> None:
     data, every, rng = source.read_bytes(), set(messages(source)), random.Random(5)
     for _ in range(60):
         damaged = bytearray(data)
@@ -248,7 +242,7 @@ def test_any_damage_leaves_a_readable_file(source: Path, tmp_path: Path) -> None
         assert lost or len(kept) == len(every)
 
 
-def test_what_cannot_be_recovered_leaves_no_file(source: Path, tmp_path: Path) -> None:
+def test_what_cannot_be_recovered_leaves_no_file(source, tmp_path) -> None:
     target = tmp_path / 'whole.mcap'
     for data in (b'', b'hello, world', b'version https://git-lfs.github.com/spec/v1\n'):
         (tmp_path / 'other').write_bytes(data)

@@ -113,7 +113,7 @@ def test_a_recording_of_the_past_has_the_same_bits(path: Path) -> None:
     assert found.compared['joint_states'] > 200
 
 
-def test_a_recording_made_anew_has_the_same_outputs(tmp_path: Path) -> None:
+def test_a_recording_made_anew_has_the_same_outputs(tmp_path) -> None:
     source, target = DATA / 'golden_3_ur5.mcap', tmp_path / 'new.mcap'
     make_golden.main(source, target)
     assert [*RecordedLog(target).messages()] == [*RecordedLog(source).messages()]
@@ -157,7 +157,7 @@ def events(rng: random.Random, run: Run) -> list[ArmMessage]:
 
 @pytest.mark.filterwarnings('ignore:.*mimic others:pfd_core.PhysicsWarning')
 @pytest.mark.parametrize('scene', SCENES)
-def test_random_inputs_recorded_in_their_order_verify(scene: str, tmp_path: Path) -> None:
+def test_random_inputs_recorded_in_their_order_verify(scene: str, tmp_path) -> None:
     path, rng = tmp_path / 'run.mcap', random.Random(scene)
     settings, roles = SCENES[scene]
     run = Run(path, roles, **settings)
@@ -179,7 +179,7 @@ def test_random_inputs_recorded_in_their_order_verify(scene: str, tmp_path: Path
     assert bool(run.engine.state.failure) == (scene == 'overflow')
 
 
-def test_a_storm_of_threads_verifies(tmp_path: Path) -> None:
+def test_a_storm_of_threads_verifies(tmp_path) -> None:
     path, stop = tmp_path / 'run.mcap', threading.Event()
     run = Run(path, FURTHER, **EVERYTHING)
     box, sent = Inbox(lambda role, verdict: None), [0] * 8
@@ -279,7 +279,7 @@ ALTERED: dict[str, tuple[Any, str]] = {
 
 @pytest.mark.parametrize('name', ALTERED)
 def test_an_altered_recording_is_not_equal_and_the_place_is_named(
-    name: str, source: Path, tmp_path: Path
+    name: str, source, tmp_path
 ) -> None:
     alter, expected = ALTERED[name]
     # An end that counts the changed messages cannot know of a change.
@@ -292,9 +292,7 @@ def test_an_altered_recording_is_not_equal_and_the_place_is_named(
             assert ('cause: not the program' in str(caught.value)) == counted
 
 
-def test_an_end_that_no_run_without_outputs_reaches_is_damage(
-    source: Path, tmp_path: Path
-) -> None:
+def test_an_end_that_no_run_without_outputs_reaches_is_damage(source, tmp_path) -> None:
     def change(name: str, found: dict[str, str]) -> dict[str, str]:
         if name == HEAD_RECORD:
             return {**found, 'topics': '{"commands": "/sim_arm/commands"}'}
@@ -308,7 +306,7 @@ def test_an_end_that_no_run_without_outputs_reaches_is_damage(
         verify_log(path)
 
 
-def test_an_altered_input_without_effect_is_found(tmp_path: Path) -> None:
+def test_an_altered_input_without_effect_is_found(tmp_path) -> None:
     paths = tmp_path / 'run.mcap', tmp_path / 'new.mcap'
     simulate(paths[0], 20, {5: [efforts(1e6, 0.0)], 6: [efforts(INF, 0.0)]}, torque_speed=False)
     for cycle in (5, 6):
@@ -319,7 +317,7 @@ def test_an_altered_input_without_effect_is_found(tmp_path: Path) -> None:
             verify_log(paths[1])
 
 
-def test_an_explanation_may_differ_and_a_rule_may_not(source: Path, tmp_path: Path) -> None:
+def test_an_explanation_may_differ_and_a_rule_may_not(source, tmp_path) -> None:
     def explained(text: str) -> Callable[[str, Message], Message]:
         def alter(role: str, message: Message) -> Message:
             if role != 'rejected':
@@ -338,7 +336,7 @@ def test_an_explanation_may_differ_and_a_rule_may_not(source: Path, tmp_path: Pa
 
 
 @pytest.mark.parametrize('key', ['cycles', 'recorded', 'crc', 'totals'])
-def test_an_altered_end_is_found(key: str, source: Path, tmp_path: Path) -> None:
+def test_an_altered_end_is_found(key: str, source, tmp_path) -> None:
     def alter(name: str, values: dict[str, str]) -> dict[str, str]:
         if name != END_RECORD:
             return values
@@ -372,9 +370,7 @@ def with_head(**values: Any) -> Callable[[str, dict[str, str]], dict[str, str]]:
     return alter
 
 
-def test_the_cause_of_a_difference_is_data_program_settings_or_processor(
-    source: Path, tmp_path: Path
-) -> None:
+def test_the_cause_of_a_difference_is_data_program_settings_or_processor(source, tmp_path) -> None:
     path = tmp_path / 'new.mcap'
     for versions, cause in (
         ({'program': 'abc', 'pfd': '9.9'}, 'cause: another program, program abc, here .*pfd 9.9'),
@@ -401,7 +397,7 @@ def test_the_cause_of_a_difference_is_data_program_settings_or_processor(
 # Cut and damaged files.
 
 
-def test_every_cut_is_incomplete_and_equal_up_to_it(tmp_path: Path) -> None:
+def test_every_cut_is_incomplete_and_equal_up_to_it(tmp_path) -> None:
     path = tmp_path / 'run.mcap'
     busy(path)
     # In chunks of one step, so that a cut has something before it.
@@ -420,9 +416,7 @@ def test_every_cut_is_incomplete_and_equal_up_to_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('many', [100, pytest.param(1500, marks=[pytest.mark.long])])
-def test_a_flipped_bit_is_found_wherever_a_message_or_the_head_is(
-    many: int, tmp_path: Path
-) -> None:
+def test_a_flipped_bit_is_found_wherever_a_message_or_the_head_is(many: int, tmp_path) -> None:
     path = tmp_path / 'run.mcap'
     busy(path)
     data, rng, missed = path.read_bytes(), random.Random(2), []
@@ -441,7 +435,7 @@ def test_a_flipped_bit_is_found_wherever_a_message_or_the_head_is(
     assert len(missed) < many / 2
 
 
-def test_what_is_no_recording_is_named(source: Path, tmp_path: Path) -> None:
+def test_what_is_no_recording_is_named(source, tmp_path) -> None:
     path = tmp_path / 'new.mcap'
     for text, why in (('2', 'first edition of pfd_ros .format 2.'), ('9', "format '9'")):
         rewritten(source, path, metadata=with_head(format=text))
@@ -468,7 +462,7 @@ def test_what_is_no_recording_is_named(source: Path, tmp_path: Path) -> None:
     ],
 )
 def test_a_hostile_head_is_an_error_that_names_the_file(
-    key: str, value: str, source: Path, tmp_path: Path
+    key: str, value: str, source, tmp_path
 ) -> None:
     path = tmp_path / 'new.mcap'
     (head, *_) = [r.metadata for r in mcap_records(source) if isinstance(r, Metadata)]
@@ -481,9 +475,7 @@ def test_a_hostile_head_is_an_error_that_names_the_file(
         verify_log(path)
 
 
-def test_without_cycles_or_without_its_end_a_recording_is_equal(
-    source: Path, tmp_path: Path
-) -> None:
+def test_without_cycles_or_without_its_end_a_recording_is_equal(source, tmp_path) -> None:
     simulate(tmp_path / 'run.mcap', 0)
     assert verify_log(tmp_path / 'run.mcap') == ({}, 0, True)
     endless = rewritten(
@@ -497,7 +489,7 @@ def test_without_cycles_or_without_its_end_a_recording_is_equal(
 # The summary.
 
 
-def test_the_summary_counts_messages_rejections_and_times(tmp_path: Path) -> None:
+def test_the_summary_counts_messages_rejections_and_times(tmp_path) -> None:
     path = tmp_path / 'run.mcap'
     run = busy(path, cycles=60, start_time=3.0)
     found = summarize_log(path)
@@ -512,9 +504,7 @@ def test_the_summary_counts_messages_rejections_and_times(tmp_path: Path) -> Non
     assert any(line.startswith('cut off') for line in summary_lines(summarize_log(path)))
 
 
-def test_the_summary_counts_floods_and_names_failures_that_a_reset_cleared_too(
-    tmp_path: Path,
-) -> None:
+def test_the_summary_counts_floods_and_names_failures_that_a_reset_cleared_too(tmp_path) -> None:
     path, other = tmp_path / 'run.mcap', tmp_path / 'reset.mcap'
     run = Run(path, **UNLIMITED)
     run.step(*[ArmMessage('commands', bytes(9000))] * 20)

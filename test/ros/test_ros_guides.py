@@ -107,7 +107,7 @@ def test_lines_of_the_log_in_the_guide_are_logged_by_the_node() -> None:
 
 @pytest.mark.slow
 @pytest.mark.ros
-def test_ros2_control_needs_no_remapping(processes: Processes, peer_of) -> None:
+def test_ros2_control_needs_no_remapping(processes, peer_of) -> None:
     arm = start(processes, 'recording:=run.mcap')
     peer = peer_of(processes)
     hardware = hardware_of(peer)
@@ -130,9 +130,7 @@ def test_ros2_control_needs_no_remapping(processes: Processes, peer_of) -> None:
 
 @pytest.mark.ros
 @pytest.mark.slow
-def test_in_lockstep_every_state_has_the_command_of_its_cycle(
-    processes: Processes, peer_of
-) -> None:
+def test_in_lockstep_every_state_has_the_command_of_its_cycle(processes, peer_of) -> None:
     arm = start(processes, 'lockstep:=true', '-p', 'recording:=arm.mcap')
     peer = peer_of(processes)
     hardware = hardware_of(peer)
@@ -170,7 +168,7 @@ def test_in_lockstep_every_state_has_the_command_of_its_cycle(
 
 @pytest.mark.ros
 @pytest.mark.slow
-def test_a_script_with_the_model_of_the_arm_holds_it(processes: Processes) -> None:
+def test_a_script_with_the_model_of_the_arm_holds_it(processes) -> None:
     start(processes, 'command_topic:=')
     (code,) = blocks('python hold.py')
     (processes.folder / 'hold.py').write_text(code)
@@ -182,7 +180,7 @@ def test_a_script_with_the_model_of_the_arm_holds_it(processes: Processes) -> No
 
 @pytest.mark.ros
 @pytest.mark.slow
-def test_the_model_comes_from_the_topic(processes: Processes, peer_of) -> None:
+def test_the_model_comes_from_the_topic(processes, peer_of) -> None:
     publish = description_publisher(peer_of(processes))
     publish(gripper_arm.with_block(BLOCK))
     arm = start(processes, 'robot:=robot_description')
@@ -190,7 +188,7 @@ def test_the_model_comes_from_the_topic(processes: Processes, peer_of) -> None:
 
 
 @pytest.mark.ros
-def test_two_arms_start_side_by_side(processes: Processes, peer_of) -> None:
+def test_two_arms_start_side_by_side(processes, peer_of) -> None:
     start(processes, '__ns:=/left', ready=False)
     start(processes, '__ns:=/right')
     left, right = (peer_of(processes, name) for name in ('left', 'right'))
@@ -218,9 +216,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_the_controller_passes_its_test_and_fails_with_an_unknown_load(
-    folder: Path, sim_arm
-) -> None:
+def test_the_controller_passes_its_test_and_fails_with_an_unknown_load(folder, sim_arm) -> None:
     names: dict = {}
     exec(FILES['test_law.py'], names)
     names['test_the_arm_settles'](sim_arm)
@@ -233,9 +229,7 @@ def test_the_controller_passes_its_test_and_fails_with_an_unknown_load(
 
 @pytest.mark.long
 @pytest.mark.ros
-def test_every_command_of_the_guide_works_as_printed(
-    folder: Path, processes: Processes, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_every_command_of_the_guide_works_as_printed(folder, processes, tmp_path_factory) -> None:
     site = tmp_path_factory.mktemp('site')
     install(site)
     (site / 'pfd').write_text(f'#!/bin/sh\nexec {sys.executable} -m pfd_ros.cli.main "$@"\n')
@@ -320,7 +314,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.ros
-def test_every_page_has_its_page_and_nothing_is_loaded_from_elsewhere(built: Path) -> None:
+def test_every_page_has_its_page_and_nothing_is_loaded_from_elsewhere(built) -> None:
     for page in (ROOT / 'docs').rglob('*.md'):
         assert (built / page.relative_to(ROOT / 'docs')).with_suffix('.html').exists(), page
     pages = list(built.rglob('*.html'))
@@ -334,7 +328,7 @@ def test_every_page_has_its_page_and_nothing_is_loaded_from_elsewhere(built: Pat
 
 
 @pytest.mark.ros
-def test_the_reference_has_all_public_names(built: Path) -> None:
+def test_the_reference_has_all_public_names(built) -> None:
     page = (built / 'reference' / 'pfd_core.html').read_text(encoding='utf-8')
     for name in set(pfd.__all__) - {'__version__'}:
         # A separate object, or a row of the table of constants.
@@ -343,7 +337,7 @@ def test_the_reference_has_all_public_names(built: Path) -> None:
 
 @pytest.mark.ros
 @needs_browser
-def test_home_and_search_open_from_the_disk_without_errors(built: Path, tmp_path: Path) -> None:
+def test_home_and_search_open_from_the_disk_without_errors(built, tmp_path) -> None:
     with opened((built / 'index.html').as_uri(), tmp_path) as page:
 
         def text() -> str:

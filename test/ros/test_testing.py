@@ -123,7 +123,7 @@ def test_the_torque_of_a_row_is_what_acted_within_the_limits_of_the_arm() -> Non
     ids=['losses', 'plant', 'inputs'],
 )
 def test_a_recorded_run_has_the_same_bits_and_verifies(
-    settings: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    settings: dict[str, Any], tmp_path, capsys
 ) -> None:
     path = tmp_path / 'run.mcap'
     plain, recorded = ur5(**settings), ur5(**settings, recording=path)
@@ -184,7 +184,7 @@ def test_an_arm_with_stops_starts_inside_them_and_a_state_outside_is_warned_of()
         assert arm.q[3] == 0.0
 
 
-def test_a_saved_state_continues_with_the_same_bits_in_another_arm(tmp_path: Path) -> None:
+def test_a_saved_state_continues_with_the_same_bits_in_another_arm(tmp_path) -> None:
     arm = ur5(noise_position=1e-3)
     arm.run(pd, 0.05)
     state = pickle.loads(pickle.dumps(arm.save()))
@@ -314,7 +314,7 @@ def test_a_robot_and_a_scene_may_be_objects() -> None:
         sim.step([1.0, 0.0])
 
 
-def test_limits_of_0_in_a_urdf_are_none_to_the_arm_and_its_assertions(tmp_path: Path) -> None:
+def test_limits_of_0_in_a_urdf_are_none_to_the_arm_and_its_assertions(tmp_path) -> None:
     text = pfd.robot_to_urdf(pfd.load_robot('planar2'))
     path = tmp_path / 'arm.urdf'
     path.write_text(re.sub('(velocity|effort)="[^"]*"', r'\1="0"', text))
@@ -443,7 +443,7 @@ ROWS: list[tuple[str, type[Exception], dict[str, str]]] = [
     ],
 )
 def test_a_fault_is_one_error_that_says_where_and_why(
-    fault: str, way: str, kind: type[Exception], text: str, request: pytest.FixtureRequest
+    fault: str, way: str, kind: type[Exception], text: str, request
 ) -> None:
     with ExitStack() as stack:
         arm = stack.enter_context(ur5())
@@ -508,9 +508,7 @@ def controller_of(domain: int) -> Iterator[Callable[..., Any]]:
 
 @pytest.mark.ros
 @pytest.mark.parametrize('kind', ['named', 'plain'])
-def test_a_node_moves_the_arm_with_the_bits_of_the_callback(
-    kind: str, controller_of: Callable[..., Any]
-) -> None:
+def test_a_node_moves_the_arm_with_the_bits_of_the_callback(kind: str, controller_of) -> None:
     node = controller_of(kind)
     with ur5() as called, ur5() as arm:
         for seconds in (0.2, 0.1):
@@ -549,7 +547,7 @@ REJECTED = {
 @pytest.mark.ros
 @pytest.mark.parametrize('reason', REJECTED)
 def test_a_command_of_which_a_part_is_rejected_fails_unless_the_test_allows_it(
-    reason: str, controller_of: Callable[..., Any]
+    reason: str, controller_of
 ) -> None:
     change, text = REJECTED[reason]
     node = controller_of('named', change=change)
@@ -563,7 +561,7 @@ def test_a_command_of_which_a_part_is_rejected_fails_unless_the_test_allows_it(
 
 
 @pytest.mark.ros
-def test_the_topics_of_the_arm_can_be_chosen(controller_of: Callable[..., Any]) -> None:
+def test_the_topics_of_the_arm_can_be_chosen(controller_of) -> None:
     topics = '/left/joint_states', '/effort_controllers/commands'
     node = controller_of('plain', topics=topics)
     remapped = ['-r', '~/commands:=/effort_controllers/commands', '-r', '__ns:=/left']
@@ -572,9 +570,7 @@ def test_the_topics_of_the_arm_can_be_chosen(controller_of: Callable[..., Any]) 
 
 
 @pytest.mark.ros
-def test_the_urdf_of_the_arm_configures_its_topics_and_initial_values(
-    controller_of: Callable[..., Any],
-) -> None:
+def test_the_urdf_of_the_arm_configures_its_topics_and_initial_values(controller_of) -> None:
     urdf = gripper_arm.urdf(joint_states_topic='/seen', joint_commands_topic='/told')
     settings: dict[str, Any] = {'robot': urdf, 'locked': ['finger'], **UNLIMITED}
     node = controller_of('named', lambda t, q, qd: 0.1 - q, ('/seen', '/told'))
@@ -586,7 +582,7 @@ def test_the_urdf_of_the_arm_configures_its_topics_and_initial_values(
 
 @pytest.mark.ros
 def test_a_controller_may_read_the_description_and_the_other_outputs_of_the_arm(
-    controller_of: Callable[..., Any],
+    controller_of,
 ) -> None:
     from std_msgs.msg import Float64MultiArray, String
 
@@ -600,9 +596,7 @@ def test_a_controller_may_read_the_description_and_the_other_outputs_of_the_arm(
 
 
 @pytest.mark.ros
-def test_what_is_missing_before_the_first_state_is_named(
-    controller_of: Callable[..., Any],
-) -> None:
+def test_what_is_missing_before_the_first_state_is_named(controller_of) -> None:
     from rclpy.executors import SingleThreadedExecutor
 
     topics = '/joint_commands or /sim_arm/commands or /sim_arm/joint_trajectory'
@@ -632,7 +626,7 @@ def test_what_is_missing_before_the_first_state_is_named(
     ids=['no services', 'second arm', 'second arm without a clock'],
 )
 def test_a_node_elsewhere_that_cannot_be_in_lockstep_is_named(
-    services: bool, states: str, clock: bool, text: str, domain: int
+    services: bool, states: str, clock: bool, text: str, domain
 ) -> None:
     from rclpy.node import Node
     from sensor_msgs.msg import JointState
@@ -662,9 +656,7 @@ executor.spin()
 
 @pytest.mark.ros
 @pytest.mark.slow
-def test_a_process_with_two_nodes_does_not_stand_for_one_that_starts_later(
-    controller_of: Callable[..., Any],
-) -> None:
+def test_a_process_with_two_nodes_does_not_stand_for_one_that_starts_later(controller_of) -> None:
     with (
         ControllerProcess([sys.executable, '-c', TWO_NODES]) as two,
         ControllerProcess([sys.executable, '-c', 'import time; time.sleep(600)']) as late,
@@ -676,7 +668,7 @@ def test_a_process_with_two_nodes_does_not_stand_for_one_that_starts_later(
 
 
 @pytest.mark.ros
-def test_a_node_that_refuses_to_set_use_sim_time_again_is_named(domain: int) -> None:
+def test_a_node_that_refuses_to_set_use_sim_time_again_is_named(domain) -> None:
     from rcl_interfaces.msg import ParameterEvent, SetParametersResult
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.node import Node
@@ -721,7 +713,7 @@ def test_a_node_that_refuses_to_set_use_sim_time_again_is_named(domain: int) -> 
     ids=['best effort', 'transient local', 'type'],
 )
 def test_a_node_whose_ends_do_not_match_those_of_the_arm_is_named_and_the_remedy_works(
-    topic: str, offered: str, wanted: str, text: str, domain: int
+    topic: str, offered: str, wanted: str, text: str, domain
 ) -> None:
     from rclpy.node import Node
     from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -745,7 +737,7 @@ def test_a_node_whose_ends_do_not_match_those_of_the_arm_is_named_and_the_remedy
 
 
 @pytest.mark.ros
-def test_spin_names_what_is_no_node_and_what_is_no_program(domain: int) -> None:
+def test_spin_names_what_is_no_node_and_what_is_no_program(domain) -> None:
     with ur5() as arm, pytest.raises(TypeError, match='spin got <function pd '):
         arm.spin(0.1, pd)
     text = 'its output ends:\n/no/program: No such file'
@@ -772,7 +764,7 @@ def test_spin_names_what_is_no_node_and_what_is_no_program(domain: int) -> None:
     ],
 )
 def test_a_run_that_cannot_begin_is_refused_and_leaves_no_node_in_the_domain(
-    settings: dict[str, Any], text: str, controller_of: Callable[..., Any]
+    settings: dict[str, Any], text: str, controller_of
 ) -> None:
     node = controller_of()
     with ur5(**settings) as arm, pytest.raises(ValueError, match=text):
@@ -784,9 +776,7 @@ def test_a_run_that_cannot_begin_is_refused_and_leaves_no_node_in_the_domain(
 
 
 @pytest.mark.ros
-def test_a_callback_that_awaits_a_service_has_the_bits_of_one_that_does_not(
-    controller_of: Callable[..., Any],
-) -> None:
+def test_a_callback_that_awaits_a_service_has_the_bits_of_one_that_does_not(controller_of) -> None:
     from sensor_msgs.msg import JointState
     from std_srvs.srv import Trigger
 
@@ -807,9 +797,7 @@ def test_a_callback_that_awaits_a_service_has_the_bits_of_one_that_does_not(
 
 
 @pytest.mark.ros
-def test_a_command_of_this_process_from_outside_the_callbacks_is_noted(
-    controller_of: Callable[..., Any],
-) -> None:
+def test_a_command_of_this_process_from_outside_the_callbacks_is_noted(controller_of) -> None:
     sent: list[Any] = []
     node = controller_of(change=sent.append)
     (commands,) = (one for one in node.publishers if one.topic_name == '/joint_commands')
@@ -828,9 +816,7 @@ def test_a_command_of_this_process_from_outside_the_callbacks_is_noted(
 
 
 @pytest.mark.ros
-def test_commands_at_once_of_which_the_middleware_may_drop_some_are_noted(
-    controller_of: Callable[..., Any],
-) -> None:
+def test_commands_at_once_of_which_the_middleware_may_drop_some_are_noted(controller_of) -> None:
     node = controller_of(change=lambda command: [commands.publish(command) for _ in range(150)])
     (commands,) = (one for one in node.publishers if one.topic_name == '/joint_commands')
     with ur5() as arm:
@@ -840,7 +826,7 @@ def test_commands_at_once_of_which_the_middleware_may_drop_some_are_noted(
 
 @pytest.mark.ros
 def test_a_timer_after_a_restored_state_and_a_controller_that_falls_silent_are_noted(
-    domain: int,
+    domain,
 ) -> None:
     node = node_of('timer', 'stops')
     with ur5() as arm:
@@ -895,7 +881,7 @@ def test_what_a_controller_has_started_ends_with_it() -> None:
     wait_until(lambda: not running(started), pause=0.05)
 
 
-def test_a_test_runner_that_is_killed_leaves_no_process_behind(tmp_path: Path) -> None:
+def test_a_test_runner_that_is_killed_leaves_no_process_behind(tmp_path) -> None:
     code = """
 import signal, sys, time
 from pfd_ros.testing import ControllerProcess

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from plugin_sessions import forked_session, session
 import pytest
-from ros_processes import ROOT, Processes
+from ros_processes import ROOT
 from waiting import wait_until
 
 from pfd_ros import read_log
@@ -193,22 +193,18 @@ def place(folder: Path, name: str) -> Path:
 
 
 def test_a_session_that_does_not_use_the_plugin_imports_neither_ros_nor_the_library(
-    failed: tuple[Path, str],
+    failed,
 ) -> None:
     assert 'PASSED test_it.py::test_modules' in failed[1]
     assert 'PASSED test_it.py::test_passes' in failed[1]
 
 
-def test_a_failed_assertion_shows_the_line_of_the_test_and_none_of_the_helper(
-    failed: tuple[Path, str],
-) -> None:
+def test_a_failed_assertion_shows_the_line_of_the_test_and_none_of_the_helper(failed) -> None:
     assert re.search(r'^test_it\.py:\d+: AssertionError', failed[1], re.MULTILINE)
     assert 'trajectory.py' not in failed[1]
 
 
-def test_failing_tests_with_arms_leave_a_folder_that_the_report_names(
-    failed: tuple[Path, str],
-) -> None:
+def test_failing_tests_with_arms_leave_a_folder_that_the_report_names(failed) -> None:
     folder, text = failed
     assert {path.name for path in (folder / 'left').iterdir()} == {
         f'test_it.py_test_{name}' for name in FAILING
@@ -221,7 +217,7 @@ def test_failing_tests_with_arms_leave_a_folder_that_the_report_names(
     assert 'its last state differs' not in text
 
 
-def test_the_recording_is_the_run_that_failed_bit_for_bit(failed: tuple[Path, str]) -> None:
+def test_the_recording_is_the_run_that_failed_bit_for_bit(failed) -> None:
     folder, _ = failed
     recorded = read_log(place(folder, 'settles') / 'arm.mcap')['/joint_states'].position
     run = np.load(folder / 'q.npy')
@@ -230,9 +226,7 @@ def test_the_recording_is_the_run_that_failed_bit_for_bit(failed: tuple[Path, st
 
 
 @pytest.mark.parametrize('name', FAILING[:6])
-def test_recordings_of_failed_runs_verify(
-    failed: tuple[Path, str], name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_recordings_of_failed_runs_verify(failed, name: str, capsys) -> None:
     logs = list(place(failed[0], name).glob('*.mcap'))
     assert logs
     for log in logs:
@@ -240,15 +234,13 @@ def test_recordings_of_failed_runs_verify(
         assert 'every bit equal' in capsys.readouterr().out
 
 
-def test_of_a_restored_arm_the_recording_begins_with_the_state(failed: tuple[Path, str]) -> None:
+def test_of_a_restored_arm_the_recording_begins_with_the_state(failed) -> None:
     states = read_log(place(failed[0], 'restored') / 'arm.mcap')['/joint_states']
     assert states.stamp_ns.tolist() == [10**6 * k for k in range(52, 72)]
     assert 'the log begins there, not verifiable' in ' '.join(failed[1].split())
 
 
-def test_the_page_marks_the_moment_of_the_assertion_and_the_push(
-    failed: tuple[Path, str],
-) -> None:
+def test_the_page_marks_the_moment_of_the_assertion_and_the_push(failed) -> None:
     folder, text = failed
     found = re.search(r"AssertionError: joint '\w+' is \S+ from its target 0 at t = (\S+) s", text)
     assert found is not None
@@ -262,13 +254,13 @@ def test_the_page_marks_the_moment_of_the_assertion_and_the_push(
         assert (pushed, reason) == (name == 'settles', name == 'own_assertion')
 
 
-def test_the_text_of_an_error_is_escaped_on_the_page(failed: tuple[Path, str]) -> None:
+def test_the_text_of_an_error_is_escaped_on_the_page(failed) -> None:
     page = (place(failed[0], 'two_arms') / 'arm2.html').read_text(encoding='utf-8')
     assert '</pre><script>alert' not in page
     assert '&lt;/pre&gt;&lt;script&gt;alert(1)' in page
 
 
-def test_the_input_that_was_rejected_is_on_the_page(failed: tuple[Path, str]) -> None:
+def test_the_input_that_was_rejected_is_on_the_page(failed) -> None:
     page = (place(failed[0], 'nan') / 'arm.html').read_text(encoding='utf-8')
     assert 'not_finite' in page
 
@@ -280,18 +272,14 @@ def test_falls(sim_arm):
 """
 
 
-def test_without_the_option_the_folder_is_next_to_the_temporary_folder(
-    site: Path, tmp_path: Path
-) -> None:
+def test_without_the_option_the_folder_is_next_to_the_temporary_folder(site, tmp_path) -> None:
     code = FALLS + FALLS.replace('falls(sim_arm)', 'with_a_folder(sim_arm, tmp_path)')
     forked_session(site, tmp_path, code, ['--basetemp', str(tmp_path / 'base')], status=1)
     left = {path.name for path in (tmp_path / 'base').iterdir() if path.name.endswith('-sim_arm')}
     assert left == {'test_falls-sim_arm', 'test_with_a_folder0-sim_arm'}
 
 
-def test_a_session_with_workers_keeps_the_artifacts_of_the_one_before(
-    site: Path, tmp_path: Path
-) -> None:
+def test_a_session_with_workers_keeps_the_artifacts_of_the_one_before(site, tmp_path) -> None:
     (tmp_path / 'left' / 'test_it.py_test_falls').mkdir(parents=True)
     options = ['--sim-arm-artifacts', 'left', '-n', '1', '-p', 'xdist']
     text = forked_session(site, tmp_path, FALLS, options, status=1)
@@ -301,9 +289,7 @@ def test_a_session_with_workers_keeps_the_artifacts_of_the_one_before(
     assert f'recording  {second}/arm.mcap' in text
 
 
-def test_a_folder_that_cannot_be_made_leaves_the_report_of_the_test(
-    site: Path, tmp_path: Path
-) -> None:
+def test_a_folder_that_cannot_be_made_leaves_the_report_of_the_test(site, tmp_path) -> None:
     (tmp_path / 'left').touch()
     options = ['--sim-arm-artifacts', 'left']
     text = forked_session(site, tmp_path, FALLS, options, status=1)
@@ -314,10 +300,7 @@ def test_a_folder_that_cannot_be_made_leaves_the_report_of_the_test(
 @pytest.mark.ros
 @pytest.mark.slow
 def test_nodes_processes_and_the_node_itself_are_in_the_domain_of_the_test(
-    site: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    site, tmp_path, capsys, monkeypatch
 ) -> None:
     monkeypatch.setenv('PYTHONPATH', str(ROOT / 'test' / 'ros'))
     options = ['--sim-arm-artifacts', 'left']
@@ -332,7 +315,7 @@ def test_nodes_processes_and_the_node_itself_are_in_the_domain_of_the_test(
 
 @pytest.mark.ros
 @pytest.mark.slow
-def test_workers_have_separate_domains(site: Path, tmp_path: Path) -> None:
+def test_workers_have_separate_domains(site, tmp_path) -> None:
     code = """
 import pathlib, time
 import pytest
@@ -355,7 +338,7 @@ def test_domain(ros_domain, number, worker_id):
 
 
 def test_a_claimed_domain_leads_to_no_other_system_and_leaves_the_environment_as_it_was(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch,
 ) -> None:
     hostile = {'ROS_DISCOVERY_SERVER': 'x', 'ROS_STATIC_PEERS': 'x', 'FASTDDS_STATISTICS': 'x'}
     for name, value in {**hostile, 'ROS_DOMAIN_ID': '7', 'ROS_LOG_DIR': 'logs'}.items():
@@ -417,9 +400,7 @@ def shared() -> set[str]:
 
 
 @pytest.mark.ros
-def test_a_peer_shares_no_memory_with_a_process_that_may_be_killed(
-    processes: Processes, peer_of
-) -> None:
+def test_a_peer_shares_no_memory_with_a_process_that_may_be_killed(processes, peer_of) -> None:
     before = shared()
     processes.arm('-p', 'robot:=planar2')
     peer_of(processes).connect()
@@ -487,9 +468,7 @@ def test_the_test_in_the_readme_passes_and_fails_with_the_sentence_shown(sim_arm
 
 @pytest.mark.ros
 @pytest.mark.slow
-def test_the_tests_of_nodes_in_the_guide_pass(
-    site: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_tests_of_nodes_in_the_guide_pass(site, tmp_path, monkeypatch) -> None:
     text = (ROOT / 'docs/guides/testing-a-controller.md').read_text(encoding='utf-8')
     monkeypatch.chdir(tmp_path)
     (command,) = re.findall(r'`pfd (init .*?)`', text)

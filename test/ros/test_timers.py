@@ -52,9 +52,7 @@ def spin(domain: int) -> Callable[..., Trajectory]:
         *(pytest.param(kind, 20, marks=pytest.mark.long) for kind in ('filter', 'two')),
     ],
 )
-def test_nodes_of_this_process_have_the_same_bits_in_each_run(
-    kind: str, runs: int, spin: Callable[..., Trajectory]
-) -> None:
+def test_nodes_of_this_process_have_the_same_bits_in_each_run(kind: str, runs: int, spin) -> None:
     motions = [spin([kind], []) for _ in range(runs)]
     assert np.ptp(motions[0].q, axis=0).min() > 1e-3
     assert len({bits(motion) for motion in motions}) == 1
@@ -69,9 +67,7 @@ def test_nodes_of_this_process_have_the_same_bits_in_each_run(
     ],
 )
 @pytest.mark.slow
-def test_a_process_has_the_bits_of_a_node_of_this_process(
-    kind: str, runs: int, spin: Callable[..., Trajectory]
-) -> None:
+def test_a_process_has_the_bits_of_a_node_of_this_process(kind: str, runs: int, spin) -> None:
     expected = spin(['filter' if kind == 'cpp' else kind], [])
     for _ in range(runs):
         found = spin([], [kind])
@@ -86,16 +82,14 @@ STARTS = (0.001, 1.7e9)
 @pytest.mark.slow
 @pytest.mark.parametrize('start', STARTS)
 def test_a_clock_with_a_thread_of_its_own_as_in_rclcpp_has_the_same_bits(
-    start: float, spin: Callable[..., Trajectory]
+    start: float, spin
 ) -> None:
     more = {'start_time': start}
     assert bits(spin([], ['cpp'], **more)) == bits(spin(['filter'], [], **more))
 
 
 @pytest.mark.slow
-def test_a_chain_of_nodes_has_the_same_bits_wherever_each_of_them_runs(
-    spin: Callable[..., Trajectory],
-) -> None:
+def test_a_chain_of_nodes_has_the_same_bits_wherever_each_of_them_runs(spin) -> None:
     expected = spin(['front', 'back'], [])
     places = [([], ['front', 'back']), (['front'], ['back']), (['back'], ['front'])]
     for here, there in places:
@@ -110,9 +104,7 @@ def test_a_chain_of_nodes_has_the_same_bits_wherever_each_of_them_runs(
     ],
     ids=['faster clock', 'faster states'],
 )
-def test_states_and_ticks_may_have_periods_of_their_own(
-    rates: dict[str, float], domain: int
-) -> None:
+def test_states_and_ticks_may_have_periods_of_their_own(rates: dict[str, float], domain) -> None:
     found = []
     for _ in range(2):
         node = node_of('timer')
@@ -124,7 +116,7 @@ def test_states_and_ticks_may_have_periods_of_their_own(
     assert found[0].notes == []
 
 
-def test_a_timer_has_the_bits_of_a_callback_with_its_period(domain: int) -> None:
+def test_a_timer_has_the_bits_of_a_callback_with_its_period(domain) -> None:
     # The first tick is one period after time 0, from which timers count.
     settings = {**UR5, 'publish_rate': 500.0, 'clock_rate': 500.0, 'start_time': 0.002}
     node = node_of('timer')
@@ -136,7 +128,7 @@ def test_a_timer_has_the_bits_of_a_callback_with_its_period(domain: int) -> None
     assert bits(found) == bits(expected)
 
 
-def test_a_second_run_continues_where_the_first_one_ended(spin: Callable[..., Trajectory]) -> None:
+def test_a_second_run_continues_where_the_first_one_ended(spin) -> None:
     whole, node = spin(['filter'], []), node_of('filter')
     with LockstepArm(**UR5) as arm:
         parts = [arm.spin(seconds, node) for seconds in (0.1, SECONDS - 0.1)]
@@ -159,7 +151,7 @@ def test_a_second_run_continues_where_the_first_one_ended(spin: Callable[..., Tr
     ],
 )
 def test_a_timer_of_this_process_that_does_not_follow_the_clock_is_noted(
-    kind: str, note: str, spin: Callable[..., Trajectory]
+    kind: str, note: str, spin
 ) -> None:
     more = {'clock_rate': 500.0} if kind == 'uneven' else {}
     (found,) = spin([kind], [], 0.05, **more).notes
@@ -179,7 +171,7 @@ def test_a_timer_of_this_process_that_does_not_follow_the_clock_is_noted(
 )
 @pytest.mark.slow
 def test_what_is_not_repeatable_in_other_processes_is_noted(
-    kinds: list[str], text: str, spin: Callable[..., Trajectory]
+    kinds: list[str], text: str, spin
 ) -> None:
     notes = spin([], kinds, 0.1).notes
     assert any(note.startswith(f'not repeatable: {text}') for note in notes)
@@ -187,14 +179,14 @@ def test_what_is_not_repeatable_in_other_processes_is_noted(
 
 @pytest.mark.slow
 def test_a_second_command_to_one_state_after_many_with_one_has_the_same_bits_everywhere(
-    spin: Callable[..., Trajectory],
+    spin,
 ) -> None:
     here, elsewhere = spin(['twice'], []), spin([], ['twice'])
     assert here.q.tobytes() == elsewhere.q.tobytes()
     assert here.notes == elsewhere.notes == []
 
 
-def test_a_node_that_joins_the_topics_of_the_arm_is_noted(domain: int) -> None:
+def test_a_node_that_joins_the_topics_of_the_arm_is_noted(domain) -> None:
     from rclpy.node import Node
     from sensor_msgs.msg import JointState
 
@@ -214,7 +206,7 @@ def test_a_node_that_joins_the_topics_of_the_arm_is_noted(domain: int) -> None:
 
 
 @pytest.mark.parametrize('start', STARTS)
-def test_a_period_of_the_controller_is_a_check_of_its_commands(start: float, domain: int) -> None:
+def test_a_period_of_the_controller_is_a_check_of_its_commands(start: float, domain) -> None:
     node = node_of('filter')
     with LockstepArm(**UR5, start_time=start) as arm:
         assert len(arm.spin(0.05, node, controller_period=0.005).time) == 50

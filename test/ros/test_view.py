@@ -7,7 +7,7 @@ The first part needs no page, the second a page without a browser, the third log
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 import http.client
 import os
 from pathlib import Path
@@ -30,7 +30,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from recordings import simulate
-from ros_processes import Peer, Process, Processes, call
+from ros_processes import Process, Processes, call
 from sampling import one_fast
 from view_models import (
     KINDS,
@@ -122,9 +122,7 @@ def test_the_tip_and_all_links_are_at_the_poses_of_pinocchio(robot: str) -> None
 
 
 @pytest.mark.parametrize('robot', one_fast([UR5, PANDA, SO100], SO100))
-def test_the_meshes_of_each_link_fill_the_space_that_pinocchio_reads_from_them(
-    robot: str,
-) -> None:
+def test_the_meshes_of_each_link_fill_the_space_that_pinocchio_reads_from_them(robot: str) -> None:
     model_urdf, folder = example_urdf(robot)
     drawing = draw(model_urdf, Meshes(folder))
     assert drawing.problems == ()
@@ -194,9 +192,7 @@ def test_a_urdf_without_visuals_is_drawn_from_frames_and_inertias() -> None:
     assert c == pytest.approx(edge_limit)  # longer ones are cut
 
 
-def test_meshes_are_found_by_path_and_package_and_scaled(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_meshes_are_found_by_path_and_package_and_scaled(tmp_path, monkeypatch) -> None:
     package = tmp_path / 'share' / 'some_arm'
     (package / 'meshes').mkdir(parents=True)
     (package / 'meshes' / 'part.stl').write_bytes(box_stl(0.5))
@@ -238,7 +234,7 @@ def test_meshes_are_found_by_path_and_package_and_scaled(
 
 
 def test_an_included_robot_is_drawn_by_meshes_on_disk_if_they_are_of_the_same_arm(
-    tmp_path: Path,
+    tmp_path,
 ) -> None:
     text, path = pfd.urdf_of('panda'), tmp_path / 'panda.urdf'
     path.write_text(text)
@@ -254,7 +250,7 @@ def test_an_included_robot_is_drawn_by_meshes_on_disk_if_they_are_of_the_same_ar
     assert '<visual' not in named_model('planar2')[0].text
 
 
-def test_collada_has_its_own_unit_and_its_up_axis_is_ignored_as_in_rviz(tmp_path: Path) -> None:
+def test_collada_has_its_own_unit_and_its_up_axis_is_ignored_as_in_rviz(tmp_path) -> None:
     for axis in ('Z_UP', 'Y_UP'):
         (tmp_path / 'part.dae').write_text(dae(0.01, axis))
         assert edges(drawn(urdf(mesh('part.dae')), tmp_path)) == pytest.approx([0.01, 0.01, 0.0])
@@ -295,7 +291,7 @@ def test_collada_has_its_own_unit_and_its_up_axis_is_ignored_as_in_rviz(tmp_path
     ],
 )
 def test_a_mesh_that_cannot_be_used_is_one_line_and_its_link_a_skeleton(
-    uri: str, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    uri: str, reason: str, tmp_path, monkeypatch
 ) -> None:
     package = tmp_path / 'some_arm'
     package.mkdir()
@@ -348,7 +344,7 @@ def test_a_mesh_that_cannot_be_used_is_one_line_and_its_link_a_skeleton(
     ],
 )
 def test_meshes_have_bounds_together(
-    bound: str, value: int, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    bound: str, value: int, reason: str, tmp_path, monkeypatch
 ) -> None:
     of_parts = bound == 'MOST_PARTS'
     names = [f'{k}.{"dae" if of_parts else "stl"}' for k in range(4)]
@@ -382,7 +378,7 @@ def test_a_malformed_visual_is_one_line_and_the_others_are_drawn(element: str) -
     assert len(drawing.shapes) == 1
 
 
-def test_visuals_beyond_the_bound_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_visuals_beyond_the_bound_are_counted(monkeypatch) -> None:
     monkeypatch.setattr('pfd_ros.view.forms.MOST_VISUALS', 2)
     drawing = drawn(urdf(*(3 * [visual('<sphere radius="0.25"/>')])))
     assert drawing.problems == ('only the first 2 of 3 visuals are drawn',)
@@ -430,7 +426,7 @@ UNLIMITED = urdf().replace('effort="10"', 'effort="0"').replace('"revolute"', '"
     ],
 )
 def test_a_ring_has_the_colour_of_the_torque_and_violet_at_the_end_of_the_range(
-    q: float, effort: float, colour: tuple[int, int, int], text: str, largest: float, empty: Any
+    q: float, effort: float, colour: tuple[int, int, int], text: str, largest: float, empty
 ) -> None:
     pendulum(empty, text, largest).show([q], [effort])
     assert tuple(Nodes(empty)['/joints/0/ring'].color) == colour
@@ -451,7 +447,7 @@ PAYLOADS = [
     ('frame', 'payload'), one_fast([*zip(WRENCHES, (*PAYLOADS, PAYLOADS[0]), strict=True)])
 )
 def test_links_arrows_and_payload_are_at_the_poses_of_pinocchio(
-    frame: str, payload: Any, empty: Any
+    frame: str, payload: Any, empty
 ) -> None:
     model_urdf, folder = example_urdf(UR5)
     stage, nodes = Stage(empty, model_urdf, draw(model_urdf, Meshes(folder))), Nodes(empty)
@@ -506,7 +502,7 @@ def check_wrench(nodes: Nodes, frame: pin.SE3, force: Any, torque: Any, scale: A
 
 
 def test_a_running_arm_is_shown_by_joint_names_with_its_loads_and_invalid_numbers_change_nothing(
-    empty: Any,
+    empty,
 ) -> None:
     pytest.importorskip('rclpy')
     from pfd_ros.view.live import Shown
@@ -552,7 +548,7 @@ def test_a_running_arm_is_shown_by_joint_names_with_its_loads_and_invalid_number
 TIMES = np.array([0.0, 0.1, 0.2, 0.35, 0.5])
 
 
-def test_the_player_plays_pauses_steps_and_ends(empty: Any) -> None:
+def test_the_player_plays_pauses_steps_and_ends(empty) -> None:
     shown: list[float] = []
     player = ViewPlayer(empty.gui, TIMES, shown.append)
     player.advance(1.0)
@@ -586,7 +582,7 @@ def test_frames_of_a_page_are_30_a_second_and_bounded(duration: float, count: in
     assert np.all(np.diff(times)[duration > 0 :] >= 0)
 
 
-def test_an_export_that_is_interrupted_leaves_no_file_behind(tmp_path: Path) -> None:
+def test_an_export_that_is_interrupted_leaves_no_file_behind(tmp_path) -> None:
     def fill(_: Any) -> Any:
         raise KeyboardInterrupt
 
@@ -617,7 +613,7 @@ def test_an_export_that_is_interrupted_leaves_no_file_behind(tmp_path: Path) -> 
     ],
 )
 def test_only_pages_of_this_computer_are_answered(
-    host: str, origin: str | None, upgrade: bool, status: int, empty: Any
+    host: str, origin: str | None, upgrade: bool, status: int, empty
 ) -> None:
     port = empty.get_port()
     headers = {'Host': host.replace('PORT', str(port))}
@@ -633,7 +629,7 @@ def test_only_pages_of_this_computer_are_answered(
     connection.close()
 
 
-def test_the_server_listens_on_this_computer_only_and_shares_nothing(empty: Any) -> None:
+def test_the_server_listens_on_this_computer_only_and_shares_nothing(empty) -> None:
     assert view_address(empty).startswith('http://127.0.0.1:')
     listening = [
         line.split()[1]
@@ -644,9 +640,7 @@ def test_the_server_listens_on_this_computer_only_and_shares_nothing(empty: Any)
     assert empty.request_share_url() is None
 
 
-def test_a_port_in_use_and_a_missing_extra_are_one_line_with_the_cure(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_port_in_use_and_a_missing_extra_are_one_line_with_the_cure(monkeypatch, capsys) -> None:
     with socket.socket() as other:
         other.bind(('127.0.0.1', 0))
         other.listen()
@@ -678,7 +672,7 @@ def state(
 STATES_AT = (0.0, 0.1, 0.2, 0.35, 0.5)
 
 
-def test_a_log_is_shown_at_its_states_with_the_path_of_its_tip(tmp_path: Path, empty: Any) -> None:
+def test_a_log_is_shown_at_its_states_with_the_path_of_its_tip(tmp_path, empty) -> None:
     log = ShownLog(swinging(tmp_path / 'bag', STATES_AT, described()))
     assert log.problems == ('the URDF has no visuals: the arm is drawn as a skeleton',)
     show, nodes = log.fill(empty), Nodes(empty)
@@ -691,7 +685,7 @@ def test_a_log_is_shown_at_its_states_with_the_path_of_its_tip(tmp_path: Path, e
     np.testing.assert_allclose(points, expected, atol=SINGLE)
 
 
-def test_a_recording_shows_its_states_and_the_loads_that_acted(tmp_path: Path, empty: Any) -> None:
+def test_a_recording_shows_its_states_and_the_loads_that_acted(tmp_path, empty) -> None:
     path = tmp_path / 'a.mcap'
     body = payload(TIP, 2.0, (0.0, 0.1, 0.0), (0.02, 0.0, 0.0, 0.02, 0.0, 0.02))
     events = {
@@ -720,9 +714,7 @@ def test_a_recording_shows_its_states_and_the_loads_that_acted(tmp_path: Path, e
     assert found.payload[120].numbers[:4] == (2.0, 0.0, 0.1, 0.0)
 
 
-def test_a_ghost_is_shown_at_the_same_stamps_and_another_topic_may_be_one(
-    tmp_path: Path, empty: Any
-) -> None:
+def test_a_ghost_is_shown_at_the_same_stamps_and_another_topic_may_be_one(tmp_path, empty) -> None:
     references = [
         Row('/wanted', 0.01 * k, joint_state(['swing'], [1 + k], stamp=100.2 + 0.1 * k))
         for k in range(3)
@@ -748,9 +740,7 @@ def test_a_ghost_is_shown_at_the_same_stamps_and_another_topic_may_be_one(
         ShownLog(tmp_path / 'late')
 
 
-def test_wrenches_of_another_log_act_from_the_state_that_was_logged_after_them(
-    tmp_path: Path,
-) -> None:
+def test_wrenches_of_another_log_act_from_the_state_that_was_logged_after_them(tmp_path) -> None:
     def push(time: float, newtons: float, frame: str = TIP) -> Row:
         data = encode_numbers(WRENCH, 0, frame, [newtons, 0, 0, 0, 0, 0])
         return Row('/ft/external_wrench', time, data)
@@ -773,7 +763,7 @@ def test_wrenches_of_another_log_act_from_the_state_that_was_logged_after_them(
         ShownLog(path, robot='planar2', wrench_topic='/nix')
 
 
-def test_joints_of_several_publishers_hold_their_values_between_messages(tmp_path: Path) -> None:
+def test_joints_of_several_publishers_hold_their_values_between_messages(tmp_path) -> None:
     rows = []
     for k in range(1, 11):
         rows.append(state(0.1 * k, ['shoulder'], position=[k], effort=[k]))
@@ -786,14 +776,14 @@ def test_joints_of_several_publishers_hold_their_values_between_messages(tmp_pat
     assert "1 joints of the log are not in the model: ['finger']" in found.problems[0]
 
 
-def test_states_are_shown_in_the_order_of_their_stamps(tmp_path: Path) -> None:
+def test_states_are_shown_in_the_order_of_their_stamps(tmp_path) -> None:
     rows = [state(0.1 * k, stamp=t, position=[t, t]) for k, t in enumerate((1.0, 3.0, 2.0), 1)]
     found = ShownLog(write_mcap(tmp_path / 'a.mcap', rows), robot='planar2')
     assert found.time.tolist() == [0.0, 1.0, 2.0]
     assert found.position[:, 0].tolist() == [1.0, 2.0, 3.0]
 
 
-def test_joints_with_other_names_are_an_error_and_can_be_renamed(tmp_path: Path) -> None:
+def test_joints_with_other_names_are_an_error_and_can_be_renamed(tmp_path) -> None:
     names = ['left_shoulder', 'left_elbow']
     path = write_mcap(tmp_path / 'a.mcap', [state(0.1 * k, names) for k in range(1, 11)])
     with pytest.raises(ValueError, match=r"'left_shoulder'.*'shoulder'.*--rename OLD=NEW"):
@@ -812,14 +802,14 @@ LACKING: Mapping[str, tuple[list[Any], str]] = {
 
 
 @pytest.mark.parametrize('name', LACKING)
-def test_what_a_log_lacks_is_a_line(name: str, tmp_path: Path) -> None:
+def test_what_a_log_lacks_is_a_line(name: str, tmp_path) -> None:
     rows, words = LACKING[name]
     found = ShownLog(write_mcap(tmp_path / 'a.mcap', rows), robot='planar2')
     assert any(words in line for line in found.problems)
     assert (np.diff(found.time) > 0.0).all()
 
 
-def test_joint_states_that_cannot_be_read_are_an_error(tmp_path: Path) -> None:
+def test_joint_states_that_cannot_be_read_are_an_error(tmp_path) -> None:
     garbage = [Row(STATES, 0.1 * k, b'\0\7\0\0garbage') for k in range(1, 5)]
     for name, rows in (('none', []), ('garbage', garbage)):
         with pytest.raises(ValueError, match='JointState'):
@@ -837,7 +827,7 @@ def test_joint_states_that_cannot_be_read_are_an_error(tmp_path: Path) -> None:
     ],
 )
 def test_the_command_prints_the_address_without_rclpy_and_ends_by_signals(
-    number: signal.Signals, browser: dict[str, str], line: str, tmp_path: Path
+    number: signal.Signals, browser, line: str, tmp_path
 ) -> None:
     bag = swinging(tmp_path / 'bag', STATES_AT, described(visual('<sphere radius="0.1"/>')))
     program = (
@@ -883,11 +873,7 @@ def test_the_command_prints_the_address_without_rclpy_and_ends_by_signals(
     ],
 )
 def test_an_invalid_domain_or_name_is_one_line(
-    words: tuple[str, ...],
-    domain: str,
-    error: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    words: tuple[str, ...], domain, error: str, monkeypatch, capsys
 ) -> None:
     monkeypatch.setenv('ROS_DOMAIN_ID', domain)
     assert pfd_main(['view', '--port', '0', *words]) == 1
@@ -898,10 +884,7 @@ def test_an_invalid_domain_or_name_is_one_line(
 @pytest.mark.parametrize('command', ['sim', 'demo'])
 @pytest.mark.ros
 def test_a_view_that_cannot_start_is_one_line_before_the_arm(
-    command: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    command: str, tmp_path, monkeypatch, capsys
 ) -> None:
     def never(*_: object) -> None:
         raise AssertionError('the arm was started')
@@ -953,7 +936,7 @@ def child_of(process: Process) -> int:
 
 
 @pytest.mark.ros
-def test_an_arm_continues_without_its_view_and_logs_it_once(processes: Processes) -> None:
+def test_an_arm_continues_without_its_view_and_logs_it_once(processes) -> None:
     viewed = Viewed(processes, '-r', '__ns:=/left')
     assert 'receiving /left/joint_states' in viewed.arm.text()
     with urllib.request.urlopen(viewed.url, timeout=PATIENCE) as answer:
@@ -973,9 +956,7 @@ def test_an_arm_continues_without_its_view_and_logs_it_once(processes: Processes
 @pytest.mark.slow
 @pytest.mark.long
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
-def test_the_view_ends_with_the_arm_however_that_ends(
-    processes: Processes, number: signal.Signals
-) -> None:
+def test_the_view_ends_with_the_arm_however_that_ends(processes, number: signal.Signals) -> None:
     viewed = Viewed(processes)
     status = viewed.arm.end(number)
     assert status == (-number if number is signal.SIGKILL else 0)
@@ -1037,7 +1018,7 @@ def height(arm: np.ndarray) -> float:
 @pytest.mark.slow
 @needs_browser
 def test_the_arm_of_a_log_is_in_the_page_and_moves_with_time_and_its_push_is_seen(
-    pushed: ShownLog, tmp_path: Path
+    pushed, tmp_path
 ) -> None:
     with view_page(0, 'test') as server:
         player = ViewPlayer(server.gui, pushed.time, pushed.fill(server))
@@ -1061,9 +1042,7 @@ def test_the_arm_of_a_log_is_in_the_page_and_moves_with_time_and_its_push_is_see
 
 @pytest.mark.slow
 @needs_browser
-def test_the_exported_page_plays_from_disk_without_network(
-    pushed: ShownLog, tmp_path: Path
-) -> None:
+def test_the_exported_page_plays_from_disk_without_network(pushed, tmp_path) -> None:
     target = tmp_path / 'arm.html'
     export_view(target, float(pushed.time[-1]), pushed.fill)
     assert not re.findall(r'(?:src|href)="(?:https?:)?//', target.read_text(encoding='utf-8'))
@@ -1077,7 +1056,7 @@ def test_the_exported_page_plays_from_disk_without_network(
 @pytest.mark.long
 @needs_browser
 def test_the_page_of_a_running_arm_shows_a_force_until_it_is_cleared(
-    processes: Processes, peer_of: Callable[..., Peer], tmp_path: Path
+    processes, peer_of, tmp_path
 ) -> None:
     from geometry_msgs.msg import WrenchStamped
     from std_srvs.srv import Trigger

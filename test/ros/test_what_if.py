@@ -140,7 +140,7 @@ def failing(path: Path) -> Path:
 
 @pytest.mark.parametrize('record', [golden, lockstep, paused, following, failing])
 def test_a_run_without_a_change_has_the_states_of_the_log(
-    record: Callable[[Path], Path], tmp_path: Path
+    record: Callable[[Path], Path], tmp_path
 ) -> None:
     log = record(tmp_path / 'a.mcap')
     assert verify_log(log).complete
@@ -155,7 +155,7 @@ def test_a_run_without_a_change_has_the_states_of_the_log(
     assert verify_log(found.log).complete
 
 
-def test_another_arm_with_shorter_steps_diverges_as_its_simulation_says(swing: Path) -> None:
+def test_another_arm_with_shorter_steps_diverges_as_its_simulation_says(swing) -> None:
     words = ['payload.mass=0.7', 'payload.center=[0.05, -0.02, 0.1]', 'outputs=[energy]']
     found = what_if(swing, [*words, f'step_size={H / 4}', 'substeps=3', 'integrator=rk4'])
     scene = pfd.Scene(payload=pfd.Payload(0.7, (0.05, -0.02, 0.1)))
@@ -179,7 +179,7 @@ def test_another_arm_with_shorter_steps_diverges_as_its_simulation_says(swing: P
     assert verify_log(found.log).complete
 
 
-def test_the_rounding_run_is_one_bit_away(swing: Path, tmp_path: Path) -> None:
+def test_the_rounding_run_is_one_bit_away(swing, tmp_path) -> None:
     found = what_if(swing, ['payload.mass=0.5'], rounding=True)
     largest = np.array(numbers(found, 'position', of='rounding'))
     assert ((largest >= BIT) & (largest < 1e-12)).all()
@@ -190,7 +190,7 @@ def test_the_rounding_run_is_one_bit_away(swing: Path, tmp_path: Path) -> None:
     assert numbers(found, 'position', 'rms', of='rounding') == [BIT, BIT]
 
 
-def test_sensors_of_another_seed_change_what_is_measured_alone(tmp_path: Path) -> None:
+def test_sensors_of_another_seed_change_what_is_measured_alone(tmp_path) -> None:
     events = {3: [efforts(1.0, 2.0)]}
     simulate(tmp_path / 'a.mcap', 400, events, noise_position=1e-3, drop_state=0.2)
     found = what_if(tmp_path / 'a.mcap', ['seed=3', 'drop.state=0'])
@@ -200,12 +200,12 @@ def test_sensors_of_another_seed_change_what_is_measured_alone(tmp_path: Path) -
     assert {len(curve[0]) for curve in found.curves.values()} == {found.states}
 
 
-def test_an_arm_that_follows_a_clock_has_the_times_of_its_ticks(tmp_path: Path) -> None:
+def test_an_arm_that_follows_a_clock_has_the_times_of_its_ticks(tmp_path) -> None:
     found = what_if(following(tmp_path / 'a.mcap'), ['start_time=4'])
     assert {(item.largest, item.first_at) for item in found.divergences} == {(0.0, None)}
 
 
-def test_longer_steps_end_between_recorded_states(tmp_path: Path) -> None:
+def test_longer_steps_end_between_recorded_states(tmp_path) -> None:
     slow = {k: [efforts(math.sin(0.02 * k), 0.0)] for k in range(1, 401)}
     simulate(tmp_path / 'a.mcap', 400, slow)
     found = what_if(tmp_path / 'a.mcap', ['step_size=0.004'])
@@ -220,9 +220,7 @@ def test_a_lower_rate_of_the_states_is_no_difference(swing: Path) -> None:
 
 
 @pytest.mark.parametrize('words', [['start_time=7'], ['step_size=0.0005'], ['step_size=0.002']])
-def test_stamped_answers_act_in_other_steps_and_at_other_times(
-    words: list[str], tmp_path: Path
-) -> None:
+def test_stamped_answers_act_in_other_steps_and_at_other_times(words: list[str], tmp_path) -> None:
     found = what_if(lockstep(tmp_path / 'a.mcap'), words)
     assert not found.rejected
     # Late answers were refused for their time, and are left out of 205.
@@ -233,7 +231,7 @@ def test_stamped_answers_act_in_other_steps_and_at_other_times(
 
 
 @pytest.mark.parametrize('stamp_ns', [0, 1_050_000_000])
-def test_a_trajectory_starts_as_much_later_as_the_run(stamp_ns: int, tmp_path: Path) -> None:
+def test_a_trajectory_starts_as_much_later_as_the_run(stamp_ns: int, tmp_path) -> None:
     plan = trajectory(NAMES, [0.05, 0.2], stamp_ns, positions=[[0.1, 0.2], [0.3, 0.0]])
     servo = {'servo_p': (300.0, 300.0), 'servo_d': (60.0, 15.0)}
     simulate(tmp_path / 'a.mcap', 300, {20: [plan]}, start_time=1.0, **servo)
@@ -242,7 +240,7 @@ def test_a_trajectory_starts_as_much_later_as_the_run(stamp_ns: int, tmp_path: P
     assert {(item.largest, item.first_at) for item in found.divergences} == {(0.0, None)}
 
 
-def test_steps_on_request_take_the_time_that_they_took(tmp_path: Path) -> None:
+def test_steps_on_request_take_the_time_that_they_took(tmp_path) -> None:
     log = paused(tmp_path / 'a.mcap')
     seconds = read_log(log)[STATES].time[-1]
     for size in ('0.0005', '0.002'):
@@ -268,9 +266,7 @@ def with_wrist(path: Path) -> Path:
     return path
 
 
-def test_efforts_without_names_reach_the_joints_of_another_robot_by_name(
-    swing: Path, tmp_path: Path
-) -> None:
+def test_efforts_without_names_reach_the_joints_of_another_robot_by_name(swing, tmp_path) -> None:
     robot = with_wrist(tmp_path / 'three.urdf')
     found = what_if(swing, [f'robot={robot}'])
     assert (found.only_in_arm, found.only_in_log) == (('wrist',), ())
@@ -283,13 +279,13 @@ def test_efforts_without_names_reach_the_joints_of_another_robot_by_name(
     assert verify_log(found.log).complete
 
 
-def test_the_order_of_the_joints_permutes_efforts_without_names(swing: Path) -> None:
+def test_the_order_of_the_joints_permutes_efforts_without_names(swing) -> None:
     found = what_if(swing, ['joints=[elbow, shoulder]'])
     assert {item.largest for item in found.divergences} == {0.0}
     np.testing.assert_array_equal(read_log(found.log)[ARRAY].data, taus(400)[:, ::-1])
 
 
-def test_start_and_numbers_of_each_joint_follow_their_joints(tmp_path: Path) -> None:
+def test_start_and_numbers_of_each_joint_follow_their_joints(tmp_path) -> None:
     settings = {'joint_friction': (0.3, 0.4), 'joints': ('elbow', 'shoulder')}
     settings['initial_positions'] = (0.1, 0.2)
     # Numbers that were set while it ran follow, too.
@@ -306,7 +302,7 @@ def test_start_and_numbers_of_each_joint_follow_their_joints(tmp_path: Path) -> 
     assert other.joint_friction == (0.4, 0.3, 0.5)
 
 
-def test_numbers_of_joints_are_changed_in_each_spelling(tmp_path: Path) -> None:
+def test_numbers_of_joints_are_changed_in_each_spelling(tmp_path) -> None:
     settings = {'joint_friction': (1.0, 2.0), 'static_friction': (1.0, 9.0)}
     simulate(tmp_path / 'a.mcap', 3, **settings)
     for words, friction, static in (
@@ -331,7 +327,7 @@ def with_friction(path: Path, *friction: float) -> str:
 
 
 def test_numbers_that_were_defaults_are_those_of_the_new_model_convention_and_switch(
-    tmp_path: Path,
+    tmp_path,
 ) -> None:
     path, three = tmp_path / 'a.mcap', with_friction(tmp_path / 'three.urdf', 5.0, 6.0, 7.0)
     usual = {'convention': 'franka', 'friction': True, 'damping': True}
@@ -355,7 +351,7 @@ def test_numbers_that_were_defaults_are_those_of_the_new_model_convention_and_sw
     assert 'step_size=0.002' in found.also
 
 
-def test_a_scene_file_takes_the_place_of_all_effects(tmp_path: Path) -> None:
+def test_a_scene_file_takes_the_place_of_all_effects(tmp_path) -> None:
     settings = {'joint_friction': (0.3, 0.4), 'gravity': (0.0, 0.0, -1.0)}
     events = {3: [efforts(1.0, 2.0)]}
     simulate(tmp_path / 'a.mcap', 80, events, **settings)
@@ -372,9 +368,7 @@ def test_a_scene_file_takes_the_place_of_all_effects(tmp_path: Path) -> None:
     assert (bare.scene, bare.joint_friction, bare.gravity) == ('', (), (0.0, 0.0, -9.81))
 
 
-def test_what_the_log_changes_later_or_the_arm_validates_otherwise_is_stated(
-    tmp_path: Path,
-) -> None:
+def test_what_the_log_changes_later_or_the_arm_validates_otherwise_is_stated(tmp_path) -> None:
     events = {2: [named(['elbow'], position=[1.0]), named(['nobody'], effort=[1.0])]}
     events[9] = [change(payload_mass=0.5)]
     simulate(tmp_path / 'a.mcap', 20, events, servo_p=(9.0, 9.0))
@@ -389,7 +383,7 @@ def test_what_the_log_changes_later_or_the_arm_validates_otherwise_is_stated(
     assert (back.rejected, back.replaced) == ({'accepted': 1}, ())
 
 
-def test_a_run_that_overflows_says_when(swing: Path) -> None:
+def test_a_run_that_overflows_says_when(swing) -> None:
     found = what_if(swing, OVERFLOWS)
     assert found.failure == 'the state after step 2 is not finite'
     assert found.failed_at == pytest.approx(0.001)
@@ -399,9 +393,7 @@ def test_a_run_that_overflows_says_when(swing: Path) -> None:
     assert (back.failure, back.seconds) == ('', pytest.approx(0.4))
 
 
-def test_nothing_after_a_failure_is_compared_though_a_reset_lets_the_arm_go_on(
-    tmp_path: Path,
-) -> None:
+def test_nothing_after_a_failure_is_compared_though_a_reset_lets_the_arm_go_on(tmp_path) -> None:
     events = {3: [efforts(1.0, 1.0)], 100: [request('reset')], 120: [efforts(1.0, 1.0)]}
     simulate(tmp_path / 'a.mcap', 200, events)
     found = what_if(tmp_path / 'a.mcap', OVERFLOWS, rounding=True)
@@ -417,7 +409,7 @@ def test_nothing_after_a_failure_is_compared_though_a_reset_lets_the_arm_go_on(
         what_if(tmp_path / 'b.mcap', OVERFLOWS)
 
 
-def test_a_log_that_was_cut_off_is_compared_up_to_the_cut(swing: Path, tmp_path: Path) -> None:
+def test_a_log_that_was_cut_off_is_compared_up_to_the_cut(swing, tmp_path) -> None:
     path = tmp_path / 'a.mcap'
     path.write_bytes(swing.read_bytes()[: swing.stat().st_size * 2 // 3])
     found = what_if(path)
@@ -427,9 +419,7 @@ def test_a_log_that_was_cut_off_is_compared_up_to_the_cut(swing: Path, tmp_path:
     assert any(line.startswith('cut off') for line in what_if_lines(found))
 
 
-def test_states_that_are_missing_unreadable_or_out_of_reach_are_named(
-    swing: Path, tmp_path: Path
-) -> None:
+def test_states_that_are_missing_unreadable_or_out_of_reach_are_named(swing, tmp_path) -> None:
     def cut(role: str, record: Any) -> Any:
         if role == 'joint_states' and record.sequence == 9:
             record.data = record.data[:-4]
@@ -453,7 +443,7 @@ def test_states_that_are_missing_unreadable_or_out_of_reach_are_named(
         assert list(Path().iterdir()) == []
 
 
-def test_the_result_is_rows_for_people_and_json(swing: Path) -> None:
+def test_the_result_is_rows_for_people_and_json(swing) -> None:
     words, seen = ['payload.mass=0.5', 'payload.center=[0.1, 0, 0]'], list[float]()
     found = what_if(swing, words, rounding=True, thresholds=(1e-3, 1e-2, 1e-1))
     lines = what_if_lines(found)
@@ -473,7 +463,7 @@ def test_the_result_is_rows_for_people_and_json(swing: Path) -> None:
     assert 0.0 <= seen[0] < seen[-1] <= 1.0
 
 
-def test_topics_stay_and_new_ones_are_of_the_same_node(tmp_path: Path) -> None:
+def test_topics_stay_and_new_ones_are_of_the_same_node(tmp_path) -> None:
     topics = {'requests': '/ns/arm/requests', 'joint_states': '/ns/joint_states'}
     with_topics = Run(tmp_path / 'a.mcap', topics=topics)
     with_topics.step(efforts(1.0, 2.0), times=5)
@@ -489,7 +479,7 @@ def test_topics_stay_and_new_ones_are_of_the_same_node(tmp_path: Path) -> None:
     }
 
 
-def test_a_what_if_of_a_what_if_publishes_its_clock_again(swing: Path) -> None:
+def test_a_what_if_of_a_what_if_publishes_its_clock_again(swing) -> None:
     silent = what_if(swing, ['publish_clock=false']).log
     again = what_if(silent, ['publish_clock=true']).log
     assert [m.data for m in RecordedLog(again).messages() if m.role == 'clock'] == [
@@ -497,7 +487,7 @@ def test_a_what_if_of_a_what_if_publishes_its_clock_again(swing: Path) -> None:
     ]
 
 
-def test_nothing_is_overwritten(swing: Path, tmp_path: Path) -> None:
+def test_nothing_is_overwritten(swing, tmp_path) -> None:
     names = [what_if(swing).log.name for _ in range(2)]
     assert names == ['swing_what_if.mcap', 'swing_what_if_2.mcap']
     taken = tmp_path / 'a.mcap'
@@ -508,7 +498,7 @@ def test_nothing_is_overwritten(swing: Path, tmp_path: Path) -> None:
 
 
 def test_an_interruption_leaves_no_file_and_a_disk_that_hangs_what_is_written(
-    swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    swing, tmp_path, monkeypatch
 ) -> None:
     def stop(share: float) -> None:
         raise KeyboardInterrupt
@@ -565,7 +555,7 @@ def test_an_interruption_leaves_no_file_and_a_disk_that_hangs_what_is_written(
     ids=lambda value: value[:40] if isinstance(value, str) else str(value)[:40],
 )
 def test_a_wrong_word_or_argument_is_one_line_and_writes_nothing(
-    words: list[str] | dict[str, Any], message: str, swing: Path
+    words: list[str] | dict[str, Any], message: str, swing
 ) -> None:
     given = words if isinstance(words, dict) else {'changes': words}
     with pytest.raises(ValueError, match=re.escape(message)) as refused:
@@ -576,7 +566,7 @@ def test_a_wrong_word_or_argument_is_one_line_and_writes_nothing(
 
 @pytest.mark.parametrize('kind', ['folder', 'foreign', 'text'])
 def test_other_logs_are_refused_with_the_option_for_bags_and_other_files_without(
-    kind: str, tmp_path: Path
+    kind: str, tmp_path
 ) -> None:
     path = tmp_path / 'a.mcap'
     if kind == 'folder':
@@ -640,7 +630,7 @@ def run(path: Path, commands: str = STATES, *words: str, **given: Any) -> WhatIf
 
 
 @pytest.mark.parametrize('start', [0.0, 100.0, 1.7e9])
-def test_an_arm_that_is_the_recorded_one_follows_its_bag(tmp_path: Path, start: float) -> None:
+def test_an_arm_that_is_the_recorded_one_follows_its_bag(tmp_path, start: float) -> None:
     found = run(bag_of(tmp_path / 'bag.mcap', start), rounding=start == 100.0)
     assert found.states == 120
     assert max(numbers(found, 'position')) < ROUNDING
@@ -656,7 +646,7 @@ def test_an_arm_that_is_the_recorded_one_follows_its_bag(tmp_path: Path, start: 
         assert 0 < max(numbers(found, 'position', of='rounding')) < 1e-12
 
 
-def test_efforts_without_names_act_in_the_order_of_the_joints(tmp_path: Path) -> None:
+def test_efforts_without_names_act_in_the_order_of_the_joints(tmp_path) -> None:
     rows = []
     for k, (q, qd, tau) in enumerate(zip(*held(), taus(120), strict=True)):
         at = 5.0 + 4 * k * H
@@ -670,7 +660,7 @@ def test_efforts_without_names_act_in_the_order_of_the_joints(tmp_path: Path) ->
     assert max(numbers(result, 'position')) < ROUNDING
 
 
-def test_efforts_between_two_steps_act_from_the_next_one_on(tmp_path: Path) -> None:
+def test_efforts_between_two_steps_act_from_the_next_one_on(tmp_path) -> None:
     # In steps 1, 3 (two of them, of which the newer one acts) and 8.
     times = ((0.2, 1.0), (1.0011, 2.0), (1.0015, 3.0), (1.0062, -4.0))
     rows = [shown(1.0), *(told(at, (tau, -tau)) for at, tau in times)]
@@ -688,7 +678,7 @@ def test_efforts_between_two_steps_act_from_the_next_one_on(tmp_path: Path) -> N
     assert other[place] == pytest.approx(between[0], abs=ROUNDING)
 
 
-def test_messages_are_put_in_the_order_of_their_stamps(tmp_path: Path) -> None:
+def test_messages_are_put_in_the_order_of_their_stamps(tmp_path) -> None:
     rows = [shown(1.0)]
     rows += [told(at, tau) for at, tau in zip((1.0, 1.004), taus(2), strict=True)]
     # States come late in the log.
@@ -701,7 +691,7 @@ def test_messages_are_put_in_the_order_of_their_stamps(tmp_path: Path) -> None:
         np.testing.assert_allclose(new.position[1:9], wanted, atol=ROUNDING)
 
 
-def test_several_publishers_of_one_topic_are_joined_by_joint(tmp_path: Path) -> None:
+def test_several_publishers_of_one_topic_are_joined_by_joint(tmp_path) -> None:
     rows = []
     for k, tau in enumerate(taus(60)):
         at = 1.0 + 4 * k * H
@@ -718,7 +708,7 @@ def test_several_publishers_of_one_topic_are_joined_by_joint(tmp_path: Path) -> 
     np.testing.assert_allclose(new.position[1:200], wanted[:199], atol=1e-9)
 
 
-def test_joints_without_a_command_stay_braked(tmp_path: Path) -> None:
+def test_joints_without_a_command_stay_braked(tmp_path) -> None:
     known = [*NAMES, 'finger']
     rows = [shown(at, known, [*Q0, 9.0], [0.0] * 3) for at in (1.0, 1.009)]
     rows += [told(1 + k * H, (2.0, 5.0), ['elbow', 'finger']) for k in range(9)]
@@ -728,7 +718,7 @@ def test_joints_without_a_command_stay_braked(tmp_path: Path) -> None:
     assert new.position[-1, 1] != Q0[1]
 
 
-def test_messages_that_cannot_be_used_are_counted(tmp_path: Path) -> None:
+def test_messages_that_cannot_be_used_are_counted(tmp_path) -> None:
     given = ([1.0, 2.0], [1.0], [np.inf, 1.0], [np.nan, 3.0], [4.0, 5.0])
     rows = [shown(1.0), *(told(1 + k * H, tau) for k, tau in enumerate(given)), shown(1.008)]
     rows.append(Row('/c', 1.004, told(1.004, (1, 2)).data[:-9]))
@@ -745,7 +735,7 @@ def test_messages_that_cannot_be_used_are_counted(tmp_path: Path) -> None:
     assert read_log(found.log)[STATES].effort[-1].tolist() == [1.0, 2.0]
 
 
-def test_names_of_joints_are_replaced_from_their_beginning(tmp_path: Path) -> None:
+def test_names_of_joints_are_replaced_from_their_beginning(tmp_path) -> None:
     bag = bag_of(tmp_path / 'bag.mcap', prefix='left_')
     with pytest.raises(LogError, match=r"none of its joints \['left_shoulder', 'left_elbow'\]"):
         what_if(bag, ['robot=planar2'], commands=STATES)
@@ -771,7 +761,7 @@ def test_names_of_joints_are_replaced_from_their_beginning(tmp_path: Path) -> No
     ids=range(6),
 )
 def test_a_bag_that_cannot_be_used_is_refused_by_name(
-    tmp_path: Path, rows: list[Row], message: str
+    tmp_path, rows: list[Row], message: str
 ) -> None:
     kinds = {'/c': 'std_msgs/msg/String'} if rows[0].data == string('x') else {}
     bag = write_mcap(tmp_path / 'bag.mcap', rows, kinds)
@@ -781,7 +771,7 @@ def test_a_bag_that_cannot_be_used_is_refused_by_name(
     assert list(Path().iterdir()) == []
 
 
-def test_the_named_topic_of_states_is_taken(tmp_path: Path) -> None:
+def test_the_named_topic_of_states_is_taken(tmp_path) -> None:
     rows = [shown(1.0), shown(1.0, q=(0.1, 0.2))._replace(topic='/t'), told(1.0, (1, 2))]
     rows += [shown(1.01), shown(1.01)._replace(topic='/t')]
     bag = write_mcap(tmp_path / 'bag.mcap', rows)
@@ -791,7 +781,7 @@ def test_the_named_topic_of_states_is_taken(tmp_path: Path) -> None:
         what_if(bag, ['robot=planar2'], commands='/c', states='/u')
 
 
-def test_a_recording_of_the_node_is_a_bag_too(tmp_path: Path) -> None:
+def test_a_recording_of_the_node_is_a_bag_too(tmp_path) -> None:
     events = {
         k: [named(NAMES, effort=tau, stamp_ns=(k - 1) * 1_000_000)]
         for k, tau in enumerate(taus(100), 1)

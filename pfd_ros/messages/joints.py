@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +19,15 @@ JOINT_UNITS = {
     'effort': ('N m', 'N'),
 }
 JOINT_FIELDS = tuple(JOINT_UNITS)
+
+
+def unit_of(item: str, types: Iterable[str]) -> str:
+    """Return the unit of an item for joints of some types; both if mixed or without any."""
+    turns, slides = JOINT_UNITS[item]
+    found = {slides if kind == 'prismatic' else turns for kind in types}
+    return found.pop() if len(found) == 1 else f'{turns} or {slides}'
+
+
 # Frame and names of the last message that was decoded, as bytes and as values. Senders do not
 # change them, and decoding names takes longer than all else. One tuple: threads may share it.
 _NO_HEAD: tuple[bytes, str, tuple[str, ...]] = b'\xff', '', ()

@@ -9,21 +9,28 @@ All take samples of one joint, once a control period. With the error e = q - tar
                    period, and growth, the slope of log amplitude over time by least squares
     divergence     the slope of log |qd| over time by least squares, if the joint moves away from
                    its target, e qd > 0, in a share MOSTLY of the samples
+    driven away    a share MOSTLY of e tau, summed while the joint moves away from its target, is
+                   positive, and it ends farther from there than it began, or than a share FOLLOWS
+                   of the range of its reference
     offset         the mean of e over the last share TAIL, if e changes there by less than a share
-                   STEADY of it
+                   STEADY of it, and would at its mean speed there in the time of the whole motion
 
-Growth and divergence are measured before the first sample at the torque limit, if there are
-enough. A turning point is right to half a control period, and so are the times between two of
-them. Efforts are cut to their limits, so commanded efforts and measured ones give one diagnosis.
+VERDICTS has what is said of them, in order. Growth and divergence are measured before the first
+sample at the torque limit, if there are enough, and decay over the whole motion. A turning point
+is right to half a control period, and so are the times between two of them. Efforts are cut to
+their limits, so commanded efforts and measured ones give one diagnosis.
 
 A joint that follows a moving reference turns as often as the reference. It oscillates if its error
-turns more than twice as often, at a share STEADY of the speed of the reference. If no target is
+turns more than twice as often, at a share STEADY of the speed of the reference. A joint that runs
+away from its target faster than its velocity oscillates runs away. If no target is
 known, turns below REFERENCE_RATE may be those of a reference, and are no oscillation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
 import math
 from typing import NamedTuple
 
@@ -47,13 +54,10 @@ STEADY = 0.1
 LEVEL = 1.0
 # Arms are seldom asked to turn more often than this [Hz].
 REFERENCE_RATE = 5.0
-
-
-# Kinds of symptoms, in the order of a diagnosis.
-KINDS = (
-    *('never commanded', 'offset', 'divergence', 'oscillation', 'decaying oscillation'),
-    *('tracking', 'motion', 'torque limit', 'first limit'),
-)
+# A joint farther from its reference than this share of its range does not follow it.
+FOLLOWS = 0.4
+# Of a torque.
+AWAY = ', which drives it away from the target (wrong sign?)'
 
 
 class Oscillation(NamedTuple):
@@ -109,11 +113,237 @@ def divergence(time: Array, error: Array, qd: Array) -> float | None:
     return growth if growth > 0.0 else None
 
 
-def offset(error: Array) -> float | None:
+def offset(time: Array, error: Array, qd: Array) -> float | None:
     """Return the mean error at the end of a motion, None if it changes there."""
-    tail = error[-max(2, math.ceil(TAIL * len(error))) :]
-    mean = float(tail.mean())
-    return mean if np.ptp(tail) < STEADY * abs(mean) else None
+    tail = slice(-max(2, math.ceil(TAIL * len(error))), None)
+    mean = float(error[tail].mean())
+    drift = float(np.abs(qd[tail].mean()) * (time[-1] - time[0]))
+    return mean if max(np.ptp(error[tail]), drift) < STEADY * abs(mean) else None
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Samples (N,) of one joint, with efforts within their limits, and what it should do.
+
+    The target is a number, a reference (N,), or None. `limits` has the lower and upper bounds of
+    position, velocity and effort, and `units` their units. `period` is the time between two
+    commands [s], NaN if it is not known.
+    """
+
+    time: Array
+    q: Array
+    qd: Array
+    tau: Array
+    target: float | Array | None
+    limits: Mapping[str, tuple[float, float]]
+    units: Mapping[str, str]
+    period: float
+
+    @cached_property
+    def reference(self) -> Array:
+        """Target of each sample, zeros without one."""
+        return np.broadcast_to(0.0 if self.target is None else self.target, self.q.shape)
+
+    @cached_property
+    def moves(self) -> bool:
+        """Whether the target is a reference that moves."""
+        return float(np.ptp(self.reference)) > 0.0
+
+    @cached_property
+    def error(self) -> Array:
+        """Distance from the target; zeros without one."""
+        return np.zeros(len(self.q)) if self.target is None else self.q - self.reference
+
+    @cached_property
+    def speed(self) -> Array:
+        """Velocity of the reference."""
+        still = np.zeros(len(self.q))
+        return np.gradient(self.reference, self.time) if self.moves else still
+
+    @cached_property
+    def far(self) -> bool:
+        """Whether it ends farther from its target than it began, or does not follow it."""
+        begin = FOLLOWS * np.ptp(self.reference) if self.moves else abs(self.error[0])
+        return bool(abs(self.error[-1]) > begin)
+
+    @cached_property
+    def full(self) -> Array:
+        """Whether the effort is at a limit."""
+        lower, upper = self.limits['effort']
+        return (self.tau <= lower) | (self.tau >= upper)
+
+    @cached_property
+    def free(self) -> slice:
+        """Samples before the first effort at a limit: a saturated motion has lost its rates."""
+        return slice(int(np.argmax(self.full)) if self.full.any() else len(self.full))
+
+    @cached_property
+    def waves(self) -> Oscillation | None:
+        """The oscillation about the target or the reference."""
+        found = oscillation(self.time, self.qd - self.speed)
+        if found is None or (self.target is None and found.frequency < REFERENCE_RATE):
+            return None
+        if self.moves:
+            turned = len(turns(self.speed)) / (2 * float(self.time[-1] - self.time[0]))
+            least = STEADY * np.abs(self.speed).max()
+            if found.frequency <= 2 * turned or found.amplitude <= least:
+                return None
+        late = self.time > self.time[-1] - 1.0 / found.frequency
+        drift = float((self.qd - self.speed)[late].mean())
+        leaves = self.far and abs(drift) > found.amplitude and drift * self.error[-1] > 0.0
+        return None if leaves else found
+
+    @cached_property
+    def early(self) -> Oscillation | None:
+        """The oscillation before the first effort at a limit."""
+        return oscillation(self.time[self.free], (self.qd - self.speed)[self.free])
+
+    @property
+    def change(self) -> str:
+        """How the amplitude of the oscillation changes, before the first effort at a limit."""
+        assert self.waves is not None
+        # What decays before it and then reaches a limit has not decayed.
+        early = self.early if self.early and self.early.growth > 0.0 else None
+        growth, last = (early or self.waves).growth, self.free.stop if early else len(self.time)
+        seconds = float(self.time[last - 1] - self.time[0])
+        if abs(growth) * seconds <= LEVEL:
+            return 'steady'
+        return f'{"growing" if growth > 0 else "decaying"} by {abs(growth):.3g} /s'
+
+    def said(self, item: str, value: float) -> str:
+        """Return a position, velocity or effort with its unit."""
+        return f'{value:.4g} {self.units[item]}'
+
+    @property
+    def off(self) -> str:
+        """How far the joint is from its target at the end."""
+        name, off = 'reference' if self.moves else 'target', abs(float(self.error[-1]))
+        target = self.said('position', self.reference[-1])
+        return f'{self.said("position", off)} from its {name} {target}'
+
+    @property
+    def kind(self) -> str:
+        """What its efforts are."""
+        return 'force' if self.units['effort'] == 'N' else 'torque'
+
+    @property
+    def torque(self) -> str:
+        """The effort at the end, '' if it is not known."""
+        last = self.said('effort', self.tau[-1])
+        return f', with a {self.kind} of {last}' if np.isfinite(self.tau[-1]) else ''
+
+
+def _end_stop(x: Samples) -> str:
+    lower, upper = x.limits['position']
+    side = int(x.q[-1] >= upper) - int(x.q[-1] <= lower)
+    if not side:
+        return ''
+    at, bound = (x.said('position', y) for y in (x.q[-1], lower if side < 0 else upper))
+    text = f'is at {"" if at == bound else f"{at}, beyond "}its position limit {bound}'
+    against = x.tau[-1] * side > 0.0
+    if x.target is None:
+        return f'{text}{x.torque}{", against it" if against else ""}'
+    return f'{text}, {x.off}{x.torque}{AWAY if against and x.error[-1] * side > 0.0 else ""}'
+
+
+def _driven_away(x: Samples) -> str:
+    push = np.nan_to_num(x.error * x.tau)[x.error * (x.qd - x.speed) > 0.0]
+    if np.count_nonzero(push) < FEWEST_SAMPLES or not x.far:
+        return ''
+    if push[push > 0.0].sum() < MOSTLY * np.abs(push).sum():
+        return ''
+    return f'is {x.off}; its {x.kind} drives it away from the target (wrong sign?)'
+
+
+def _offset(x: Samples) -> str:
+    rests = None if x.target is None or x.moves else offset(x.time, x.error, x.qd)
+    if rests is None or (x.waves and x.waves.amplitude >= STEADY * np.abs(x.qd).max()):
+        return ''
+    return f'rests at {x.said("position", x.q[-1])}, {x.off}{x.torque}'
+
+
+def _divergence(x: Samples) -> str:
+    if x.target is None or x.moves or x.early:
+        return ''
+    found = divergence(x.time[x.free], x.error[x.free], x.qd[x.free])
+    return f'is {x.off} and moves away from it, growing by {found:.3g} /s' if found else ''
+
+
+def _oscillation(x: Samples) -> str:
+    if x.waves is None:
+        return ''
+    share = f' ({x.waves.frequency * x.period:.2g} of the control rate)' if x.period > 0 else ''
+    amplitude = f'velocity amplitude {x.said("velocity", x.waves.amplitude)}'
+    return f'oscillates at {x.waves.frequency:.4g} Hz{share}, {amplitude}, {x.change}'
+
+
+def _decaying(x: Samples) -> str:
+    return _oscillation(x) if x.waves and 'decaying' in x.change else ''
+
+
+def _tracking(x: Samples) -> str:
+    worst, most = int(np.argmax(np.abs(x.error))), FOLLOWS * float(np.ptp(x.reference))
+    far, at = abs(float(x.error[worst])), f'farthest at t = {x.time[worst]:.6g} s'
+    follows = x.moves and far <= most
+    return f'follows its reference within {x.said("position", far)}, {at}' if follows else ''
+
+
+def _lost(x: Samples) -> str:
+    worst, whole = int(np.argmax(np.abs(x.error))), float(np.ptp(x.reference))
+    if not x.moves:
+        return ''
+    far = x.said('position', abs(float(x.error[worst])))
+    return (
+        f'does not follow its reference: {far} off at t = {x.time[worst]:.6g} s, while the '
+        f'reference moves by {x.said("position", whole)}'
+    )
+
+
+def _motion(x: Samples) -> str:
+    if x.target is None:
+        return ''
+    if not x.error[-1] * x.qd[-1]:
+        return f'is {x.off}, with a velocity of {x.said("velocity", x.qd[-1])}'
+    way = 'away from' if x.error[-1] * x.qd[-1] > 0.0 else 'to'
+    return f'is {x.off} and moves {way} it at {x.said("velocity", abs(x.qd[-1]))}'
+
+
+def _torque_limit(x: Samples) -> str:
+    share = 100 * float(np.mean(x.full))
+    limit = x.said('effort', max(x.limits['effort']))
+    return f'at the torque limit {limit} for {share:.3g} % of the time' if share else ''
+
+
+def _first_limit(x: Samples) -> str:
+    hits = [
+        (k, f'first {item} {x.said(item, values[k])} at or beyond its limit {x.said(item, bound)}')
+        for item, values in (('position', x.q), ('velocity', x.qd), ('effort', x.tau))
+        for low, high in [x.limits[item]]
+        if (k := first_beyond(np.nan_to_num(values), low, high)) is not None
+        for bound in [low if values[k] <= low else high]
+    ]
+    return f'{min(hits)[1]} at t = {x.time[min(hits)[0]]:.6g} s' if hits else ''
+
+
+# Kind -> its text, '' if a joint does not show it; a diagnosis has the first of VERDICTS, and all
+# of LIMITS.
+VERDICTS: Mapping[str, Callable[[Samples], str]] = {
+    'end stop': _end_stop,
+    'driven away': _driven_away,
+    'offset': _offset,
+    'divergence': _divergence,
+    'decaying oscillation': _decaying,
+    'oscillation': _oscillation,
+    'tracking': _tracking,
+    'lost': _lost,
+    'motion': _motion,
+}
+LIMITS: Mapping[str, Callable[[Samples], str]] = {
+    'torque limit': _torque_limit,
+    'first limit': _first_limit,
+}
+UNCOMMANDED = 'never commanded'
+KINDS = (UNCOMMANDED, *VERDICTS, *LIMITS)
 
 
 def text_of(found: Mapping[str, str], *, limited: bool = True) -> str:
@@ -121,84 +351,15 @@ def text_of(found: Mapping[str, str], *, limited: bool = True) -> str:
     return '; '.join(found.values()) or 'no oscillation' + ', no limit reached' * limited
 
 
-def diagnosis(
-    time: Array,
-    q: Array,
-    qd: Array,
-    tau: Array,
-    *,
-    target: float | Array | None,
-    limits: Sequence[tuple[str, Array, float, float]],
-    period: float,
-    commanded: bool = True,
-) -> dict[str, str]:
-    """Return the symptoms of one joint by its samples (N,), each of KINDS with its measures.
+def diagnosis(x: Samples, *, commanded: bool = True) -> dict[str, str]:
+    """Return the symptoms of a joint, each of KINDS with its measures.
 
-    The target is a position, a reference (N,), or None. `limits` has of each limit its name, the
-    samples that it bounds, and the bounds; `period` is the control period [s]. A joint is braked
-    until it is `commanded`.
+    Efforts may be beyond their limits, or NaN where they are not known. A joint is braked until it
+    is `commanded`.
     """
     if not commanded:
-        return {'never commanded': 'never commanded: braked'}
-    lower, upper = next(bounds[2:] for bounds in limits if bounds[0] == 'effort')
-    tau = np.clip(tau, lower, upper)
-    first_full = first_beyond(tau, lower, upper)
-    # A saturated motion has lost the rates of the loop.
-    free = slice(first_full)
-    reference = np.broadcast_to(0.0 if target is None else target, q.shape)
-    moves = float(np.ptp(reference)) > 0.0
-    speed: Array = np.gradient(reference, time) if moves else np.zeros(len(qd))
-    error = None if target is None else q - reference
-    waves, early = oscillation(time, qd - speed), oscillation(time[free], (qd - speed)[free])
-    if waves is not None and target is None and waves.frequency < REFERENCE_RATE:
-        waves = None
-    elif waves is not None and moves:
-        turned = len(turns(speed)) / (2 * float(time[-1] - time[0]))
-        if waves.frequency <= 2 * turned or waves.amplitude <= STEADY * np.abs(speed).max():
-            waves = None
-    rests = None if moves or error is None else offset(error)
-    leaves = None if moves or error is None else divergence(time[free], error[free], qd[free])
-    found: dict[str, str] = {}
-    if rests is not None and (waves is None or waves.amplitude < STEADY * np.abs(qd).max()):
-        side = 'above' if rests > 0 else 'below'
-        text = f'rests {abs(rests):.4g} {side} its target with a torque of {tau[-1]:.4g}'
-        found['offset'] = text
-    elif leaves is not None and early is None:
-        found['divergence'] = f'moves away from its target, growing by {leaves:.3g} /s'
-    elif waves is not None:
-        growth, seconds = waves.growth, float(time[-1] - time[0])
-        if early is not None and first_full is not None:
-            growth, seconds = early.growth, float(time[first_full] - time[0])
-        text = _wave_text(waves, 1.0 / period, growth, seconds)
-        found['decaying oscillation' if 'decaying' in text else 'oscillation'] = text
-    elif error is not None and moves:
-        worst = int(np.argmax(np.abs(error)))
-        far = f'{abs(error[worst]):.4g}, farthest at t = {time[worst]:.6g} s'
-        found['tracking'] = f'follows its reference within {far}'
-    elif error is not None:
-        way = 'away from' if error[-1] * qd[-1] > 0.0 else 'to'
-        found['motion'] = f'still moves {way} its target at {abs(qd[-1]):.3g} /s'
-    share = float(np.mean(np.abs(tau) >= upper))
-    if share:
-        text = f'at the torque limit {upper:.4g} for {100 * share:.3g} % of the time'
-        found['torque limit'] = text
-    hits = [
-        (k, f'{kind} {values[k]:.4g} at or beyond its limit {bound:.4g} at t = {time[k]:.6g} s')
-        for kind, given, low, high in limits
-        for values in [tau if kind == 'effort' else given]
-        if (k := first_beyond(values, low, high)) is not None
-        for bound in [low if values[k] <= low else high]
-    ]
-    if hits:
-        found['first limit'] = f'first {min(hits)[1]}'
-    return found
-
-
-def _wave_text(waves: Oscillation, rate: float, growth: float, seconds: float) -> str:
-    change = 'steady'
-    if abs(growth) * seconds > LEVEL:
-        change = f'{"growing" if growth > 0 else "decaying"} by {abs(growth):.3g} /s'
-    return (
-        f'oscillates at {waves.frequency:.4g} Hz ({waves.frequency / rate:.2g} of the control '
-        f'rate), velocity amplitude {waves.amplitude:.3g}, {change}'
-    )
+        return {UNCOMMANDED: f'{UNCOMMANDED}: braked'}
+    x = replace(x, tau=np.clip(x.tau, *x.limits['effort']))
+    first = next(((kind, text) for kind, of in VERDICTS.items() if (text := of(x))), None)
+    more = ((kind, text) for kind, of in LIMITS.items() if (text := of(x)))
+    return dict((*([first] if first else []), *more))

@@ -86,7 +86,7 @@ def commanded_positions(run: Recorded) -> Iterator[Reference]:
     for j, name in enumerate(() if found is None else found.names):
         assert found is not None
         there = np.isfinite(found.position[:, j])
-        time, values = run.times(found)[there], found.position[there, j]
+        time, values = run.intended(found)[there], found.position[there, j]
         if len(time) and (servos or np.ptp(values) > 0.0):
             ends = np.append(time[1:], max(run.span[1], time[-1]))
             ends = np.where(ends - time > HELD, ends, time)

@@ -36,7 +36,7 @@ from pfd_ros.messages.types import (
     STRING,
     TRAJECTORY,
 )
-from pfd_ros.motion.symptoms import diagnosis, text_of
+from pfd_ros.motion.symptoms import Samples, diagnosis, text_of
 from pfd_ros.page.curves import Plot, Reference, commanded_positions, encoded, plots_of
 from pfd_ros.page.findings import BAD, NOTE, Finding, commands_end, find
 from pfd_ros.page.recorded import Array, Recorded
@@ -303,18 +303,17 @@ def _symptoms(
             rows = np.flatnonzero(good)[-MOST_DIAGNOSED:]
             if len(rows) < FEWEST_STATES or not joints.period:
                 continue
-            columns = [np.nan_to_num(values[rows]) for values in columns]
-            ends = [joints.bounds[item][:, j].tolist() for item in JOINT_FIELDS]
-            limits = [(x, c, *e) for x, c, e in zip(JOINT_FIELDS, columns, ends, strict=True)]
+            samples = Samples(
+                time[rows],
+                *(values[rows] for values in columns),
+                target=None if target is None else target[rows],
+                limits={item: joints.bounds[item][:, j].tolist() for item in JOINT_FIELDS},
+                units={item: run.states_unit(item, (name,)) for item in JOINT_FIELDS},
+                period=run.command_period,
+            )
+            commanded = not run.settings or name in run.commanded
             with np.errstate(all='ignore'):
-                found = diagnosis(
-                    time[rows],
-                    *columns,
-                    target=None if target is None else target[rows],
-                    limits=limits,
-                    period=joints.period,
-                    commanded=not run.settings or name in run.commanded,
-                )
+                found = diagnosis(samples, commanded=commanded)
             yield name, time[rows[[0, -1]]][np.newaxis], found
 
 

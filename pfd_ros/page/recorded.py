@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+import math
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 import pfd_core as pfd
 from pfd_ros.arm.events import ARRAY, INPUTS, NAMED, REJECTED, STATES, TRAJECTORY, TRUE_STATES
 from pfd_ros.messages.cdr import NANOSECONDS
-from pfd_ros.messages.joints import JOINT_FIELDS, JOINT_UNITS
+from pfd_ros.messages.joints import JOINT_FIELDS, unit_of
 from pfd_ros.messages.types import JOINT_STATE
 from pfd_ros.recording.arrays import LogArrays
 from pfd_ros.recording.topic_arrays import TopicArrays
@@ -127,21 +128,44 @@ class Recorded:
         """Yield the topics of a type that have messages."""
         return ((topic, x) for topic, x in self._read.items() if self.log.topics[topic] == kind)
 
+    def _on_axis(self, found: TopicArrays) -> bool:
+        """Return whether messages have stamps of the clock of the states."""
+        axis, stamps = self._axis_ns, found.stamp_ns
+        if stamps is None or not len(axis):
+            return False
+        # Numbers of Python: differences of times in hostile logs overflow.
+        first, last = int(axis[0]) - SAME_CLOCK, int(axis[-1]) + SAME_CLOCK
+        return first <= int(stamps.min()) and int(stamps.max()) <= last
+
     def times(self, found: TopicArrays) -> Array:
         """Return the times (N,) of messages on the page [s], not decreasing."""
-        axis, ns, stamps = self._axis_ns, found.simulated_ns, found.stamp_ns
+        axis, ns = self._axis_ns, found.simulated_ns
         if ns is None and len(axis):
-            # Numbers of Python: differences of times in hostile logs overflow.
-            first, last = int(axis[0]) - SAME_CLOCK, int(axis[-1]) + SAME_CLOCK
-            if stamps is not None and first <= int(stamps.min()) and int(stamps.max()) <= last:
-                ns = stamps
-            else:
+            ns = found.stamp_ns if self._on_axis(found) else None
+            if ns is None:
                 places = (np.searchsorted(self._logged_ns, found.log_ns, 'right') - 1).clip(0)
                 after = np.append(axis[1:], np.iinfo(np.int64).max)[places]
                 ns = np.minimum(axis[places] + found.log_ns - self._logged_ns[places], after)
         ns = found.log_ns if ns is None else ns
         times: Array = np.maximum.accumulate((ns - self.origin_ns) / NANOSECONDS)
         return times
+
+    def intended(self, found: TopicArrays) -> Array:
+        """Return the times of the states that messages answer, by their stamps, if they have some.
+
+        A command in a recording is there in the cycle that took it, which is after its state.
+        """
+        stamps = found.stamp_ns
+        if stamps is None or not int(stamps.min()) > 0 or not self._on_axis(found):
+            return self.times(found)
+        times: Array = np.maximum.accumulate((stamps - self.origin_ns) / NANOSECONDS)
+        return times
+
+    @cached_property
+    def command_period(self) -> float:
+        """Median time between two commands of efforts or positions [s], NaN without three."""
+        times = np.unique(np.concatenate([self.accepted_times(role) for role in (NAMED, ARRAY)]))
+        return float(np.median(np.diff(times))) if len(times) > 2 else math.nan
 
     @cached_property
     def commanded(self) -> set[str]:
@@ -163,12 +187,10 @@ class Recorded:
 
     def unit(self, item: str, names: tuple[str, ...]) -> str:
         """Return the unit of the position, velocity or effort of joints."""
-        turns, slides = JOINT_UNITS[item]
-        robot, found = self.robot, set[str]()
-        if robot is not None:
-            kinds = dict(zip(robot.joint_names, robot.joint_types, strict=True))
-            found = {slides if kinds[x] == 'prismatic' else turns for x in names if x in kinds}
-        return found.pop() if len(found) == 1 else f'{turns} or {slides}'
+        robot = self.robot
+        known = ((), ()) if robot is None else (robot.joint_names, robot.joint_types)
+        kinds = dict(zip(*known, strict=True))
+        return unit_of(item, (kinds[x] for x in names if x in kinds))
 
     def states_unit(self, item: str, names: tuple[str, ...]) -> str:
         """Return the same for the states of the log, whose efforts may be currents."""

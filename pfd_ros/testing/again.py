@@ -231,7 +231,7 @@ def recorded(log: Path | str, joint: str = '', *, robot: str | None = None) -> T
     return Trajectory(
         *(joints.time, q, qd, tau, joints.names, Limits(lower, upper, speed, effort)),
         run.robot if whole else None,
-        period=joints.period,
+        period=run.command_period,
         commanded=[not run.settings or name in run.commanded for name in joints.names],
     )
 

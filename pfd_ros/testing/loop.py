@@ -101,7 +101,7 @@ def run(arm: Any, link: Link, seconds: float, allowed: Collection[str] = ()) -> 
     step, answer, measure, accepted = arm.step, link.answer, engine.measured, [ACCEPTED]
     # States may show the torques or currents of motors: a motion has the efforts, as limits do.
     acted = settings.state_effort != 'command'
-    published, k = True, 0
+    published, k, sent = True, 0, list[int]()
     while True:
         time, measured = seconds_of(engine.stamp_ns), measure()
         if published:
@@ -115,6 +115,7 @@ def run(arm: Any, link: Link, seconds: float, allowed: Collection[str] = ()) -> 
         commands = answer(messages, time, measured)
         if commands:
             compute_time[k - 1] = link.seconds
+            sent.append(engine.stamp_ns)
         messages, verdicts = step(commands, every)
         if verdicts != accepted or not silent:
             for command, verdict in zip(commands, verdicts, strict=True):
@@ -129,7 +130,8 @@ def run(arm: Any, link: Link, seconds: float, allowed: Collection[str] = ()) -> 
     return Trajectory(
         *(times, q, qd, tau, arm.names, Limits(*(bound[order] for bound in bounds)), robot),
         compute_time=compute_time,
-        period=arm.period,
+        # A timer has a period of its own.
+        period=arm.period if len(sent) < 3 else float(np.median(np.diff(sent))) / NANOSECONDS,
         commanded=(tau.any(axis=0) | ~braked).tolist(),
         notes=link.notes,
     )

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import pfd_core as pfd
-from pfd_ros.messages.joints import JOINT_FIELDS
+from pfd_ros.messages.joints import JOINT_FIELDS, unit_of
 from pfd_ros.motion import metrics
 from pfd_ros.motion.metrics import Array
-from pfd_ros.motion.symptoms import diagnosis, text_of
+from pfd_ros.motion.symptoms import Samples, diagnosis, text_of
 
 # One joint by name, several, or all.
 Joints: TypeAlias = str | Sequence[str] | None
@@ -43,11 +43,12 @@ class LimitHit(NamedTuple):
     time: float
     value: float
     bound: float
+    unit: str
 
     def __str__(self) -> str:
         return (
-            f'{self.kind} of joint {self.joint!r} is {self.value:.6g} at t = {self.time:.6g} s, '
-            f'expected within its limit {self.bound:.6g}'
+            f'{self.kind} of joint {self.joint!r} is {self.value:.6g} {self.unit} at '
+            f't = {self.time:.6g} s, expected within its limit {self.bound:.6g} {self.unit}'
         )
 
 
@@ -94,7 +95,7 @@ class Trajectory:
         Of a callback: the call alone. Over topics: from the publication of the state or the clock
         tick to the publication of the command that followed.
     period
-        The control period, s of simulated time.
+        The control period, s of simulated time: the median time between two commands.
     commanded
         Whether each joint was commanded at all (n,); the others stay braked.
     notes
@@ -167,11 +168,12 @@ class Trajectory:
     def limits_hit(self) -> list[LimitHit]:
         """Return the first sample at or beyond each limit, in the order of time."""
         hits = [
-            LimitHit(joint, kind, float(self.time[k]), value, least if value <= least else most)
+            LimitHit(joint, kind, float(self.time[k]), value, bound, self._unit(kind, j))
             for j, joint in enumerate(self.names)
             for kind, values, least, most in self._bounds(j)
             if (k := metrics.first_beyond(values, least, most)) is not None
             for value in [float(values[k])]
+            for bound in [least if value <= least else most]
         ]
         return sorted(hits, key=lambda hit: hit.time)
 
@@ -183,6 +185,12 @@ class Trajectory:
             ('velocity', self.qd[:, j], -velocity, velocity),
             ('effort', self.tau[:, j], -effort, effort),
         ]
+
+    def _unit(self, item: str, j: int) -> str:
+        robot = self.robot
+        known = ((), ()) if robot is None else (robot.joint_names, robot.joint_types)
+        kinds = dict(zip(*known, strict=True))
+        return unit_of(item, [kinds[name] for name in self.names[j : j + 1] if name in kinds])
 
     def symptoms(self, target: Reference | None = None, joint: Joints = None) -> list[str]:
         """Return a diagnosis of each joint, one line each, as in failed assertions.
@@ -197,10 +205,13 @@ class Trajectory:
             f'{self.names[j]}: '
             + text_of(
                 diagnosis(
-                    *(self.time, self.q[:, j], self.qd[:, j], self.tau[:, j]),
-                    target=None if goals is None else goals[0 if len(goals) == 1 else ..., j],
-                    limits=self._bounds(j),
-                    period=self.period,
+                    Samples(
+                        *(self.time, self.q[:, j], self.qd[:, j], self.tau[:, j]),
+                        target=None if goals is None else goals[0 if len(goals) == 1 else ..., j],
+                        limits={kind: ends for kind, _, *ends in self._bounds(j)},
+                        units={item: self._unit(item, j) for item in JOINT_FIELDS},
+                        period=self.period,
+                    ),
                     commanded=bool(self.commanded[j]) if len(self.commanded) else True,
                 )
             )
@@ -295,13 +306,14 @@ class Trajectory:
         first = int(np.argmax(late))
         for j in [0] if goals is None else self._columns(joint):
             name = 'the tip' if goals is None else f'joint {self.names[j]!r}'
+            unit = 'm' if goals is None else self._unit('position', j)
             column, joints = errors[first:, j], [] if goals is None else [j]
             if not (column <= within).all():
                 k = first + int(np.argmax(~(column <= within)))
-                target = '' if goals is None else f' {goals[k, j]:.6g}'
+                target = '' if goals is None else f' {goals[k, j]:.6g} {unit}'
                 raise self._fail(
-                    f'{name} is {errors[k, j]:.6g} from its target{target} at '
-                    f't = {self.time[k]:.6g} s, expected within {within:.6g} from '
+                    f'{name} is {errors[k, j]:.6g} {unit} from its target{target} at '
+                    f't = {self.time[k]:.6g} s, expected within {within:.6g} {unit} from '
                     f't = {self.time[first]:.6g} s on',
                     *(k, joints, goals, within),
                 )
@@ -309,8 +321,9 @@ class Trajectory:
             if not mean <= rms:
                 k = first + int(np.argmax(column))
                 raise self._fail(
-                    f'the error of {name} has an rms of {mean:.6g}, expected at most {rms:.6g}; '
-                    f'the largest is {errors[k, j]:.6g} at t = {self.time[k]:.6g} s',
+                    f'the error of {name} has an rms of {mean:.6g} {unit}, expected at most '
+                    f'{rms:.6g} {unit}; the largest is {errors[k, j]:.6g} {unit} at '
+                    f't = {self.time[k]:.6g} s',
                     *(k, joints, goals, rms),
                 )
 
@@ -331,10 +344,11 @@ class Trajectory:
                 )
             k = int(np.argmax((self.q[:, j] - goals[j]) / (goals[j] - self.q[0, j])))
             if not shares[j] < bound:
+                unit = self._unit('position', j)
                 raise self._fail(
-                    f'joint {self.names[j]!r} is at {self.q[k, j]:.6g} at '
+                    f'joint {self.names[j]!r} is at {self.q[k, j]:.6g} {unit} at '
                     f't = {self.time[k]:.6g} s, {100 * shares[j]:.4g} % of its step beyond the '
-                    f'target {goals[j]:.6g}, expected below {100 * bound:.4g} %',
+                    f'target {goals[j]:.6g} {unit}, expected below {100 * bound:.4g} %',
                     *(k, [j], np.broadcast_to(goals, self.q.shape)),
                 )
 
@@ -345,11 +359,12 @@ class Trajectory:
         for j in self._columns(joint):
             found = metrics.rates(self.time, self.tau[:, j])
             if len(found) and not found.max() < bounds[j]:
-                k = int(np.argmax(found))
+                k, unit = int(np.argmax(found)), self._unit('effort', j)
+                rate = f'{unit}/s' if ' or ' not in unit else f'({unit})/s'
                 raise self._fail(
-                    f'effort of joint {self.names[j]!r} changes by {found[k]:.6g} per second at '
-                    f't = {self.time[k + 1]:.6g} s, from {self.tau[k, j]:.6g} to '
-                    f'{self.tau[k + 1, j]:.6g}, expected below {bounds[j]:.6g} per second',
+                    f'effort of joint {self.names[j]!r} changes by {found[k]:.6g} {rate} at '
+                    f't = {self.time[k + 1]:.6g} s, from {self.tau[k, j]:.6g} {unit} to '
+                    f'{self.tau[k + 1, j]:.6g} {unit}, expected below {bounds[j]:.6g} {rate}',
                     *(k + 1, [j]),
                 )
 

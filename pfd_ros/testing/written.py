@@ -46,12 +46,14 @@ ASSERTIONS: dict[str, Row] = {
     'failure': Row('assert not motion.stopped'),
     'event': Row(why='it is no fault'),
     'never commanded': Row('assert motion.commanded[motion.index({joint!r})]'),
-    **dict.fromkeys(('divergence', 'oscillation'), Row(_ABSENT)),
+    **dict.fromkeys(('driven away', 'divergence', 'oscillation', 'lost'), Row(_ABSENT)),
     **dict.fromkeys(
         ('decaying oscillation', 'offset', 'tracking', 'motion'),
         Row(why='a log holds no bound beyond which it is a fault'),
     ),
-    **dict.fromkeys(('torque limit', 'first limit'), Row(why='a limit is a finding by itself')),
+    **dict.fromkeys(
+        ('end stop', 'torque limit', 'first limit'), Row(why='a limit is a finding by itself')
+    ),
 }
 
 

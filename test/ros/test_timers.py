@@ -114,6 +114,8 @@ def test_states_and_ticks_may_have_periods_of_their_own(rates: dict[str, float],
         assert arm.time == pytest.approx(SECONDS + 0.001, abs=0.002)
     assert bits(found[0]) == bits(found[1])
     assert found[0].notes == []
+    # That of the timer, whatever the periods of states and ticks.
+    assert found[0].period == found[0].computation_time().period == 0.002
 
 
 def test_a_timer_has_the_bits_of_a_callback_with_its_period(domain) -> None:
@@ -126,6 +128,7 @@ def test_a_timer_has_the_bits_of_a_callback_with_its_period(domain) -> None:
     with LockstepArm(**settings) as arm:
         expected = arm.run(lambda t, q, qd: pd(q, qd), SECONDS)
     assert bits(found) == bits(expected)
+    assert found.period == expected.period == 0.002
 
 
 def test_a_second_run_continues_where_the_first_one_ended(spin) -> None:

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 import pfd_core as pfd
+from pfd_ros.messages.joints import JOINT_UNITS
 from pfd_ros.motion.metrics import overshoot, settling_time
+from pfd_ros.motion.symptoms import Samples, oscillation, text_of
 from pfd_ros.motion.symptoms import diagnosis as joint_diagnosis
-from pfd_ros.motion.symptoms import oscillation, text_of
 from pfd_ros.testing import Limits, LockstepArm, Trajectory
 
 # A wheel of 0.5 kg m^2 about a vertical axis: gravity has no torque, so PD control makes it the
@@ -120,24 +121,25 @@ def test_a_failed_assertion_names_joint_time_value_and_bound() -> None:
     with pytest.raises(AssertionError) as settles:
         found.assert_settles(1.0, within=0.05, by=0.2)
     assert str(settles.value).splitlines()[0] == (
-        "joint 'a' is 0.2 from its target 1 at t = 0.2 s, expected within 0.05 from t = 0.2 s on"
+        "joint 'a' is 0.2 rad or m from its target 1 rad or m at t = 0.2 s, expected within "
+        '0.05 rad or m from t = 0.2 s on'
     )
     with pytest.raises(AssertionError) as beyond:
         found.assert_overshoot_below(0.25, 1.0)
     assert str(beyond.value).splitlines()[0] == (
-        "joint 'b' is at 1.5 at t = 0.1 s, 50 % of its step beyond the target 1, "
+        "joint 'b' is at 1.5 rad or m at t = 0.1 s, 50 % of its step beyond the target 1 rad or m, "
         'expected below 25 %'
     )
     with pytest.raises(AssertionError) as rate:
         found.assert_torque_rate_below([30.0, 1.0])
     assert str(rate.value).splitlines()[0] == (
-        "effort of joint 'a' changes by 40 per second at t = 0.2 s, from 1 to 5, "
-        'expected below 30 per second'
+        "effort of joint 'a' changes by 40 (N m or N)/s at t = 0.2 s, from 1 N m or N to "
+        '5 N m or N, expected below 30 (N m or N)/s'
     )
     with pytest.raises(AssertionError) as limit:
         found.assert_no_limit_hit()
     assert str(limit.value).splitlines()[0] == (
-        "position of joint 'b' is 1.5 at t = 0.1 s, expected within its limit 1.4"
+        "position of joint 'b' is 1.5 rad or m at t = 0.1 s, expected within its limit 1.4 rad or m"
     )
 
 
@@ -184,11 +186,11 @@ def test_a_motion_tracks_a_reference_within_its_largest_error_and_its_rms() -> N
         with pytest.raises(AssertionError) as beyond:
             found.assert_tracks(reference, within=0.05)
         assert str(beyond.value).splitlines()[0] == (
-            "joint 'b' is 0.1 from its target 0.5 at t = 0.5 s, expected within 0.05 from t = 0 s "
-            'on'
+            "joint 'b' is 0.1 rad or m from its target 0.5 rad or m at t = 0.5 s, expected within "
+            '0.05 rad or m from t = 0 s on'
         )
         with pytest.raises(
-            AssertionError, match=r"the error of joint 'a' has an rms of 0\.02, exp"
+            AssertionError, match=r"the error of joint 'a' has an rms of 0\.02 rad or m, exp"
         ):
             found.assert_tracks(reference, rms=0.019)
     time, (names, times, positions, within) = beyond.value.__dict__['motion']
@@ -208,7 +210,9 @@ def test_a_motion_tracks_a_reference_within_its_largest_error_and_its_rms() -> N
 def test_a_motion_that_is_not_finite_tracks_nothing() -> None:
     q = np.zeros((101, 2))
     q[70] = math.nan
-    with pytest.raises(AssertionError, match=r'nan from its target 0 at t = 0\.7 s'):
+    with pytest.raises(
+        AssertionError, match=r'nan rad or m from its target 0 rad or m at t = 0\.7 s'
+    ):
         motion(TIME, q).assert_tracks([0.0, 0.0], within=1.0)
 
 
@@ -226,7 +230,9 @@ def test_the_tip_of_a_planar_arm_is_where_its_angles_say() -> None:
     reach = np.linalg.norm(turned.tip(), axis=1)
     assert np.linalg.norm(tip, axis=1) == pytest.approx(reach)
     found.assert_tip_tracks(tip, within=1e-12)
-    with pytest.raises(AssertionError, match=r'the tip is \S+ from its target at t = 0\.1 s, exp'):
+    with pytest.raises(
+        AssertionError, match=r'the tip is \S+ m from its target at t = 0\.1 s, exp'
+    ):
         found.assert_tip_tracks(tip[0], within=1e-3)
     with pytest.raises(ValueError, match='the motion has no robot'):
         motion(TIME, np.zeros((101, 2))).tip()
@@ -247,11 +253,38 @@ def test_the_time_of_a_controller_is_asserted_and_its_bound_named() -> None:
         run.assert_computes_within(0.001, quantile=2)
 
 
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_a_failed_assertion_says_of_a_wrong_sign_that_the_torque_drives_the_joint_to_its_stop(
+    sign: float,
+) -> None:
+    goal = sign * TARGET
+    with LockstepArm(WHEEL, joint_limits=True) as arm:
+        run = arm.run(lambda t, q, qd: -20.0 * (goal - q) - 2.0 * qd, 3.0)
+    with pytest.raises(AssertionError) as failed:
+        run.assert_settles(goal, within=0.01, by=2.0)
+    (line,) = str(failed.value).splitlines()[1:]
+    limit, force = f'{-1.2 * sign:.4g}', f'{run.tau[-1, 0]:.4g}'
+    assert f'position limit {limit} rad, 2 rad from its target {goal:.4g} rad' in line
+    assert f'{force} N m, which drives it away from the target (wrong sign?)' in line
+
+
+def test_a_joint_on_its_way_does_not_rest_and_the_line_has_its_velocity() -> None:
+    # A damper of 40 N m s/rad holds the wheel at 20 / 40 rad/s.
+    with LockstepArm(WHEEL) as arm:
+        run = arm.run(lambda t, q, qd: 20.0 - 40.0 * qd, 0.5)
+    with pytest.raises(AssertionError) as failed:
+        run.assert_settles(TARGET, within=0.01, by=0.2)
+    line, off = str(failed.value).splitlines()[1], TARGET - run.q[-1, 0]
+    assert f'is {off:.4g} rad from its target 0.8 rad and moves to it at 0.5 rad/s' in line
+
+
 # What a motion shows: oscillation, and the diagnosis of a joint.
 
 SAMPLE = 1e-3
 TIMES = SAMPLE * np.arange(1, 2001)
 TURN = 2 * math.pi
+NO_LIMIT = (-math.inf, math.inf)
+UNITS = {item: unit for item, (unit, _) in JOINT_UNITS.items()}
 # A turning point is right to half a step: two of them in more than 1.6 s.
 FREQUENCY_TOLERANCE = SAMPLE / 1.6
 # A peak between two samples is missed by (2 pi f h / 2)^2 / 2 of its height, at 44 Hz the most.
@@ -261,14 +294,18 @@ GROWTH_TOLERANCE = PEAK_TOLERANCE / 2
 
 
 def diagnosis(
-    q: Any, target: Any = None, tau: Any = 0.0, full: float = math.inf, **more: Any
-) -> str:
+    q: Any,
+    target: Any = None,
+    tau: Any = 0.0,
+    full: float = math.inf,
+    stops: tuple[float, float] = NO_LIMIT,
+    period: float = SAMPLE,
+    **more: Any,
+) -> dict[str, str]:
     """Return the diagnosis of a motion q (N,), with efforts and their limit."""
-    qd = np.gradient(q, SAMPLE)
-    tau = np.broadcast_to(tau, q.shape)
-    limits = [('position', q, -math.inf, math.inf), ('effort', tau, -full, full)]
-    given = {'target': target, 'limits': limits, 'period': SAMPLE, **more}
-    return text_of(joint_diagnosis(TIMES, q, qd, tau, **given))
+    limits = {'position': stops, 'velocity': NO_LIMIT, 'effort': (-full, full)}
+    state = TIMES, q, np.gradient(q, SAMPLE), np.broadcast_to(tau, q.shape)
+    return joint_diagnosis(Samples(*state, target, limits, UNITS, period), **more)
 
 
 @pytest.mark.parametrize(('frequency', 'growth'), [(3.0, -1.5), (12.5, 0.0), (44.0, 2.0)])
@@ -300,44 +337,75 @@ def test_noise_below_a_share_of_the_motion_and_a_single_step_are_no_oscillation(
 SINE = 0.5 * np.sin(TURN * 2.0 * TIMES)
 FAST = 0.02 * np.sin(TURN * 25 * TIMES)
 LATE = 0.5 * np.sin(TURN * 2.0 * (TIMES - 0.02))
-# Motion, target or reference, and what is reported of it.
-MOTIONS: dict[str, tuple[Any, Any, str]] = {
-    'rests off its target': (1.1 - np.exp(-9 * TIMES), 1.0, 'rests 0.1 above its target'),
-    'leaves its target': (
-        -0.01 * np.exp(3 * TIMES),
-        0.0,
-        'moves away from its target, growing by 3 /s',
+HELD = np.minimum(2.0 * TIMES, 0.8)
+AWAY = 0.01 * np.exp(3 * TIMES)
+# Motion, target or reference, torque, the kind of its first symptom, and numbers with their units.
+MOTIONS: dict[str, tuple[Any, Any, Any, str, str]] = {
+    'off its target': (
+        *(1.1 - np.exp(-9 * TIMES), 1.0, -20.8, 'offset'),
+        'rests at 1.1 rad, 0.1 rad from its target 1 rad, with a torque of -20.8 N m',
     ),
-    'has not arrived': (0.4 * TIMES, 1.0, 'still moves to its target at 0.4 /s'),
-    'oscillates about a target': (FAST, 0.0, 'oscillates at 25 Hz (0.025 of the control rate)'),
-    'oscillates, no target known': (FAST, None, 'oscillates at 25 Hz (0.025 of the control rate)'),
-    'sine as its reference': (SINE, SINE, 'follows its reference within 0'),
-    'sine behind its reference': (LATE, SINE, 'follows its reference within 0.125'),
-    'sine, no reference known': (SINE, None, 'no oscillation'),
-    'oscillates about a reference': (SINE + FAST, SINE, 'oscillates at 25 Hz'),
-    'follows a ramp': (0.3 * TIMES - 0.01, 0.3 * TIMES, 'follows its reference within 0.01'),
+    'off, its effort not known': (
+        *(1.1 - np.exp(-9 * TIMES), 1.0, np.nan, 'offset'),
+        'rests at 1.1 rad, 0.1 rad from its target 1 rad',
+    ),
+    # Its error changes by less than a tenth in the last tenth of the motion, and it moves.
+    'steady and slow': (
+        *(0.2 * TIMES, 1.0, 0.0, 'motion'),
+        'is 0.6 rad from its target 1 rad and moves to it at 0.2 rad/s',
+    ),
+    'fast, then at once at rest': (
+        *(np.minimum(0.4 * TIMES, 0.799), 1.0, 0.0, 'motion'),
+        'is 0.201 rad from its target 1 rad, with a velocity of 0 rad/s',
+    ),
+    'falls away': (AWAY, 0.0, -5.0, 'divergence', 'growing by 3 /s'),
+    'is driven away': (AWAY, 0.0, 5.0, 'driven away', 'is 4.034 rad from its target 0 rad'),
+    'runs away with a ripple': (
+        AWAY + 0.1 * FAST,
+        0.0,
+        -5.0,
+        'motion',
+        'away from it at 12.4 rad/s',
+    ),
+    'at its end stop': (HELD, 0.5, -3.0, 'end stop', '0.3 rad from its target 0.5 rad'),
+    'driven to its end stop': (HELD, -1.0, 4.0, 'end stop', '1.8 rad from its target -1 rad'),
+    'about a target': (FAST, 0.0, 0.0, 'oscillation', '25 Hz (0.025 of the control rate)'),
+    'no target known': (FAST, None, 0.0, 'oscillation', '25 Hz (0.025 of the control rate)'),
+    'its reference': (SINE, SINE, 0.0, 'tracking', 'follows its reference within 0 rad'),
+    'behind its reference': (LATE, SINE, 0.0, 'tracking', 'within 0.1253 rad'),
+    'half a period behind': (-SINE, SINE, 0.0, 'lost', '1 rad off at t = 0.125 s'),
+    'no reference known': (SINE, None, 0.0, '', 'no oscillation'),
+    'about a reference': (SINE + FAST, SINE, 0.0, 'oscillation', '25 Hz'),
+    'a ramp': (0.3 * TIMES - 0.01, 0.3 * TIMES, 0.0, 'tracking', 'within 0.01 rad'),
 }
 
 
 @pytest.mark.parametrize('name', MOTIONS)
 def test_a_motion_is_diagnosed_by_its_target_or_its_reference(name: str) -> None:
-    q, target, wanted = MOTIONS[name]
-    found = diagnosis(q, target)
-    assert found.startswith(wanted) or wanted in found, found
-    assert ('oscillates' in found) == ('oscillates' in wanted), found
+    q, target, tau, kind, text = MOTIONS[name]
+    found = diagnosis(q, target, tau, stops=(-9.0, 0.8) if q is HELD else NO_LIMIT)
+    assert next(iter(found), '') == kind, found
+    assert text in text_of(found)
+    # A torque is blamed if it points away from the target.
+    assert ('wrong sign' in text_of(found)) == ('driven' in name)
+
+
+def test_an_oscillation_is_compared_with_the_rate_of_the_commands_if_it_is_known() -> None:
+    assert '(0.1 of the control rate)' in text_of(diagnosis(FAST, 0.0, period=4e-3))
+    assert 'control rate' not in text_of(diagnosis(FAST, 0.0, period=math.nan))
 
 
 def test_commanded_efforts_and_the_ones_that_motors_gave_have_one_diagnosis() -> None:
     commanded = 50.0 * np.sin(TURN * 3 * TIMES)
     measured = np.clip(commanded, -20.0, 20.0)
     q = 1.1 - np.exp(-9 * TIMES)
-    found = diagnosis(q, 1.0, commanded, full=20.0)
-    assert found == diagnosis(q, 1.0, measured, full=20.0)
+    found = text_of(diagnosis(q, 1.0, commanded, full=20.0))
+    assert found == text_of(diagnosis(q, 1.0, measured, full=20.0))
     k = int(np.argmax(np.abs(commanded) >= 20.0))
-    assert f'first effort 20 at or beyond its limit 20 at t = {TIMES[k]:.6g} s' in found
+    assert f'first effort 20 N m at or beyond its limit 20 N m at t = {TIMES[k]:.6g} s' in found
     share = 100 * np.mean(np.abs(commanded) >= 20.0)
-    assert f'at the torque limit 20 for {share:.3g} % of the time' in found
+    assert f'at the torque limit 20 N m for {share:.3g} % of the time' in found
 
 
 def test_a_joint_that_was_never_commanded_is_braked_whatever_it_does() -> None:
-    assert diagnosis(FAST, 0.0, 30.0, full=20.0, commanded=False) == 'never commanded: braked'
+    assert [*diagnosis(FAST, 0.0, 30.0, full=20.0, commanded=False)] == ['never commanded']

@@ -127,8 +127,8 @@ def test_a_failed_assertion_names_joint_time_value_and_bound() -> None:
     with pytest.raises(AssertionError) as beyond:
         found.assert_overshoot_below(0.25, 1.0)
     assert str(beyond.value).splitlines()[0] == (
-        "joint 'b' is at 1.5 rad or m at t = 0.1 s, 50 % of its step beyond the target 1 rad or m, "
-        'expected below 25 %'
+        "joint 'b' is at 1.5 rad or m at t = 0.1 s, 50 % of its step beyond the target "
+        '1 rad or m, expected below 25 %'
     )
     with pytest.raises(AssertionError) as rate:
         found.assert_torque_rate_below([30.0, 1.0])
@@ -139,7 +139,8 @@ def test_a_failed_assertion_names_joint_time_value_and_bound() -> None:
     with pytest.raises(AssertionError) as limit:
         found.assert_no_limit_hit()
     assert str(limit.value).splitlines()[0] == (
-        "position of joint 'b' is 1.5 rad or m at t = 0.1 s, expected within its limit 1.4 rad or m"
+        "position of joint 'b' is 1.5 rad or m at t = 0.1 s, expected within its limit "
+        '1.4 rad or m'
     )
 
 

@@ -36,6 +36,14 @@ from pfd_ros.text import cut
 RUNAWAY = 1.5
 
 
+def stated(robot: pfd.Robot) -> dict[str, bool]:
+    """Return for each effect that a model may have numbers for whether it has, zeros apart."""
+    fields = [field for effect in pfd.EFFECTS for field in effect.fields if field.from_model]
+    return {
+        f.name: len(f.unstated(robot)) < robot.n and bool(f.of_model(robot).any()) for f in fields
+    }
+
+
 class GainLimits(NamedTuple):
     """Bounds of stable gains; beyond any of them the loop diverges."""
 

@@ -66,8 +66,8 @@ def _demo(given: argparse.Namespace) -> int:
 def _robots(_: argparse.Namespace) -> int:
     """Print each robot, where its description is, and the effects that it has values for."""
     import pfd_core as pfd
+    from pfd_ros.arm.advice import stated
 
-    fields = [field for effect in pfd.EFFECTS for field in effect.fields if field.from_model]
     absent = ''
     for name in (*pfd.known_robots(), *pfd.known_robots(described=True)):
         try:
@@ -79,10 +79,7 @@ def _robots(_: argparse.Namespace) -> int:
             absent = name
             continue
         print(f'{name:10s} {robot.n} joints: {", ".join(robot.joint_names)}')
-        # A description may state zeros.
-        has = {
-            f.name: len(f.unstated(robot)) < robot.n and f.of_model(robot).any() for f in fields
-        }
+        has = stated(robot)
         lacks = ', '.join(key for key in has if not has[key])
         found = ', '.join(filter(has.get, has)) + (lacks and f'; none for {lacks}')
         file = pfd.find_description(name)

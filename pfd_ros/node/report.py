@@ -14,7 +14,7 @@ import threading
 import time
 from typing import Any
 
-from pfd_ros.arm.advice import Speeding, speeding
+from pfd_ros.arm.advice import Speeding, speeding, stated
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import (
     ACCEPTED,
@@ -155,7 +155,7 @@ class Report:
 
 
 def introduce(engine: Engine, endpoints: Endpoints, log: Callable[[str], object]) -> None:
-    """Log the topics of an arm by their resolved names, and the robot."""
+    """Log the topics of an arm, the robot, and what its model has that is off."""
     named, plain = (f'{endpoints.topic(role)} ({ROLES[role].type}' for role in (NAMED, ARRAY))
     order = ', '.join(cut(name) for name in engine.names)
     kinds = 'effort, position, velocity' if engine.actuators.servo else 'effort'
@@ -167,6 +167,11 @@ def introduce(engine: Engine, endpoints: Endpoints, log: Callable[[str], object]
         'until its first command; simulated time starts at '
         f'{engine.stamp_ns / NANOSECONDS:g} s'
     )
+    scene, settings = engine.plant.scene, engine.state.settings
+    has = {name for name, there in stated(engine.robot).items() if there}
+    off = [x for x in sorted(has) if getattr(scene, x) is None and not getattr(settings, x)]
+    if off:
+        log(f'off: {", ".join(off)} of the model; {off[-1]}:=true and the like switch them on')
 
 
 def speed_of(engine: Engine) -> Speeding | None:

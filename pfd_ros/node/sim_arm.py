@@ -237,7 +237,7 @@ def compile_report(log: Callable[[str], object], robot: str) -> Iterator[None]:
 
     def seen(record: logging.LogRecord) -> bool:
         if not compiled:
-            log(f'Compiling native code for {cut(robot)!r} (first start; cached afterwards)')
+            log(f'Compiling native code for {cut(robot)!r}, kept for these effects')
         compiled.append(record.name)
         return True
 

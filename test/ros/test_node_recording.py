@@ -227,12 +227,13 @@ def test_a_start_collects_garbage_once_and_imports_nothing_of_other_commands(pro
     assert not UNUSED & set(modules)
 
 
-def test_a_first_start_logs_that_it_compiles_and_a_warm_start_does_not(
+def test_a_start_logs_what_the_model_has_that_is_off_and_a_first_one_that_it_compiles(
     processes, tmp_path, monkeypatch
 ) -> None:
     monkeypatch.setenv('PFD_CACHE', str(tmp_path / 'cache'))
     for compiles in (True, False):
         node = processes.arm('-p', 'robot:=planar2')
         node.stop()
-        assert ("Compiling native code for 'planar2' (first start" in node.text()) == compiles
+        assert ("Compiling native code for 'planar2'" in node.text()) == compiles
         assert ("Compiled native code for 'planar2' in " in node.text()) == compiles
+        assert 'off: joint_limits of the model' in node.text()

@@ -53,31 +53,26 @@ if TYPE_CHECKING:
     from pfd_core.kernels.compile import compile_kernel, forward_dynamics, inverse_dynamics
     from pfd_core.kernels.kernel import Kernel
     from pfd_core.machine.program import Program, Steps
-    from pfd_core.model import (
-        EFFECTS,
-        Payload,
-        PhysicsWarning,
-        Robot,
-        Scene,
-        estimated_armature,
+    from pfd_core.model.effects import EFFECTS
+    from pfd_core.model.loading import (
         find_description,
         known_robots,
         load_robot,
         load_scene,
-        lock,
         locked_joints,
         read_urdf,
-        reflected_inertia,
-        robot_to_yaml,
-        scene_to_yaml,
-        start_positions,
         urdf_of,
-        with_payload,
     )
+    from pfd_core.model.locking import lock
     from pfd_core.model.packages import find_package
+    from pfd_core.model.robot import Payload, PhysicsWarning, Robot, with_payload
+    from pfd_core.model.rotors import estimated_armature, reflected_inertia
+    from pfd_core.model.scene import Scene, scene_to_yaml
+    from pfd_core.model.stops import start_positions
     from pfd_core.model.urdf import Urdf
     from pfd_core.model.urdf_chain import TreeError
     from pfd_core.model.urdf_writer import robot_to_urdf
+    from pfd_core.model.yaml_files import robot_to_yaml
     from pfd_core.paper.emulate import Run, emulate
     from pfd_core.simulation.adaptive import AdaptiveTrajectory, integrate
     from pfd_core.simulation.ensemble import Ensemble
@@ -150,15 +145,20 @@ _NAMES = {
     'kernels.compile': 'compile_kernel forward_dynamics inverse_dynamics',
     'kernels.kernel': 'Kernel',
     'machine.program': 'Program Steps',
-    'model': (
-        'EFFECTS Payload PhysicsWarning Robot Scene estimated_armature find_description '
-        'known_robots load_robot load_scene lock locked_joints read_urdf reflected_inertia '
-        'robot_to_yaml scene_to_yaml start_positions urdf_of with_payload'
+    'model.effects': 'EFFECTS',
+    'model.loading': (
+        'find_description known_robots load_robot load_scene locked_joints read_urdf urdf_of'
     ),
+    'model.locking': 'lock',
     'model.packages': 'find_package',
+    'model.robot': 'Payload PhysicsWarning Robot with_payload',
+    'model.rotors': 'estimated_armature reflected_inertia',
+    'model.scene': 'Scene scene_to_yaml',
+    'model.stops': 'start_positions',
     'model.urdf_chain': 'TreeError',
     'model.urdf': 'Urdf',
     'model.urdf_writer': 'robot_to_urdf',
+    'model.yaml_files': 'robot_to_yaml',
     'simulation.adaptive': 'AdaptiveTrajectory integrate',
     'simulation.ensemble': 'Ensemble',
     'simulation.feedback': 'Feedback StateFeedback',

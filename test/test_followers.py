@@ -350,6 +350,15 @@ def test_limits_and_losses_of_a_follower_become_those_of_its_leader() -> None:
     assert (robot.damping[1], robot.friction[1]) == (2.0, 0.5)
 
 
+def test_one_end_of_a_follower_is_an_end_of_its_continuous_leader() -> None:
+    text = WHEELS.replace('"swing" type="revolute"', '"swing" type="continuous"')
+    old = mimic('joint="swing" multiplier="-0.3" offset="0.1"')
+    robot = pfd.load_robot(text.replace(old, old.replace('upper="2.5"', 'upper="inf"')), tip='arm')
+    assert robot.joint_types == ('prismatic', 'revolute')
+    assert robot.position_lower[1] == -np.inf
+    assert robot.position_upper[1] == pytest.approx(7.0)
+
+
 def test_limits_that_exclude_each_other_are_refused_by_both_names() -> None:
     text = PALLETISER.replace('lower="-2" upper="2.5" velocity="3" effort="40"/><mimic', LIMITED)
     with pytest.raises(ValueError, match="'level' mimics 'lift', and no position is within"):

@@ -173,6 +173,12 @@ def test_arguments_of_xacro_are_refused_where_the_description_is_a_urdf(installe
         pfd.load_robot(bench, xacro={'length': 1})
 
 
+def test_a_description_that_is_no_urdf_is_refused_and_named(installed: Path) -> None:
+    (installed / 'urdf/bench.xml').write_text(pfd.robot_to_yaml(pfd.load_robot('planar2')))
+    with pytest.raises(ValueError, match=r"bench\.xml' must be a URDF, got a robot in YAML"):
+        pfd.load_robot(BENCH.replace('.urdf.xacro', '.xml').replace(', xacro: {length: 0.4}', ''))
+
+
 def test_the_arms_that_people_own_have_names() -> None:
     arms = {'ur3e', 'ur5e', 'ur10e', 'ur16e', 'fr3', 'xarm6', 'xarm7', 'gen3', 'iiwa7', 'iiwa14'}
     assert {*pfd.known_robots(described=True)} == arms

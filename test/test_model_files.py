@@ -26,6 +26,8 @@ def test_missing_and_wrong_files_are_named(tmp_path: Path) -> None:
     known = re.escape(', '.join(pfd.known_robots()))
     with pytest.raises(ValueError, match=f"unknown robot 'puma': known are {known}"):
         pfd.load_robot('puma')
+    with pytest.raises(ValueError, match="no robot file 'ur5'"):
+        pfd.load_robot(Path('ur5'))
     with pytest.raises(ValueError, match="tip='wrist' cannot be chosen for 'ur5'"):
         pfd.load_robot('ur5', tip='wrist')
     (tmp_path / 'arm.yaml').write_bytes(b'\xff\xfe\x00')

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 import copy
 from dataclasses import FrozenInstanceError, fields, replace
+from itertools import permutations
 from pathlib import Path
 import pickle
 import re
@@ -94,6 +95,16 @@ def test_a_joint_may_be_locked_at_its_limits_and_not_beyond() -> None:
         for beyond in (np.nextafter(lower, -np.inf), np.nextafter(upper, np.inf)):
             with pytest.raises(ValueError, match=f"lock joint '{name}' at .*: its limits are"):
                 pfd.lock(robot, {name: beyond})
+
+
+def test_joints_locked_in_any_order_or_one_by_one_give_the_same_bits() -> None:
+    robot = random_chain(np.random.default_rng(3), 5)
+    at = {'joint2': 0.3, 'joint3': -0.2, 'joint5': 0.1}
+    less = pfd.lock(robot, at)
+    assert all(pfd.lock(robot, dict(order)) == less for order in permutations(at.items()))
+    for name, position in at.items():
+        robot = pfd.lock(robot, {name: position})
+    assert robot == less
 
 
 @pytest.mark.parametrize('seed', SEEDS)
@@ -213,6 +224,13 @@ def test_a_broken_triangle_rule_is_warned_of_and_the_link_named() -> None:
     assert robot.inertias[0, 2, 2] == 2.1
 
 
+def test_warnings_of_a_loaded_robot_name_the_line_that_loads_it() -> None:
+    text = pfd.robot_to_yaml(rod()).replace('zz: 0.08', 'zz: 9.08')
+    with pytest.warns(pfd.PhysicsWarning, match='triangle rule') as found:
+        pfd.load_robot(text)
+    assert found[0].filename == __file__
+
+
 @pytest.mark.parametrize(
     ('call', 'given', 'message'),
     [
@@ -244,6 +262,15 @@ def test_a_lock_or_a_payload_that_cannot_be_is_refused(
 ) -> None:
     with pytest.raises(ValueError, match=message):
         call(*given)
+
+
+@pytest.mark.parametrize('locked', [{'nobody': 0.0}, {'elbow_joint': 99.0}])
+def test_locks_that_a_robot_by_name_refuses_are_not_listed_for_tools(
+    locked: dict[str, float],
+) -> None:
+    for read in (pfd.load_robot, pfd.locked_joints):
+        with pytest.raises(ValueError, match=f"cannot lock .*'{next(iter(locked))}'"):
+            read('ur5', locked=locked)
 
 
 HELD_FINGERS = {'left_finger': 0.02, 'right_finger': 0.03}

@@ -269,6 +269,11 @@ def test_a_wrong_file_is_refused(text: str, message: str) -> None:
         pfd.load_scene(text + '\n')
 
 
+def test_a_path_that_is_none_is_refused() -> None:
+    with pytest.raises(ValueError, match='path must be a str or a PathLike, got 3'):
+        pfd.Scene().save(3)  # type: ignore[arg-type]
+
+
 UR5 = pfd.load_robot('ur5')
 TABLE = """robot: bare
 joints:

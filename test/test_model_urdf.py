@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 import re
 
@@ -995,3 +996,11 @@ def test_a_robot_written_as_urdf_is_read_as_the_same_robot(robot: pfd.Robot) -> 
         np.testing.assert_allclose(
             found.frames[name].translation, frame.translation, atol=ROUNDING
         )
+
+
+def test_ends_of_a_continuous_joint_survive_a_urdf() -> None:
+    robot = random_chain(np.random.default_rng(2), 2, joint_types=['continuous', 'revolute'])
+    robot = replace(robot, position_lower=[-np.inf, -1.0], position_upper=[2.0, 1.0])
+    again = pfd.load_robot(pfd.robot_to_urdf(robot), base=robot.base, tip=robot.tip)
+    assert again.position_lower.tolist() == [-np.inf, -1.0]
+    assert again.position_upper.tolist() == [2.0, 1.0]

@@ -23,7 +23,8 @@ from pfd_core.dynamics.methods import FORWARD
 from pfd_core.kernels.sines import expand_sines
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
-from pfd_core.model import Robot, resolve
+from pfd_core.model.plant import resolve
+from pfd_core.model.robot import Robot
 from pfd_core.paper.composite import record_terms
 from pfd_core.paper.conjugate import record_pcgm
 

@@ -23,7 +23,10 @@ import numpy as np
 from benchmarks.cases.robots import Array
 from benchmarks.table import stored_table
 from pfd_core.kernels.compile import compile_kernel
-from pfd_core.model import Plant, Robot, Scene, load_robot, resolve
+from pfd_core.model.loading import load_robot
+from pfd_core.model.plant import Plant, resolve
+from pfd_core.model.robot import Robot
+from pfd_core.model.scene import Scene
 
 # Effects that the controller does not know.
 UNKNOWN = ('friction', 'effort limits')

@@ -28,7 +28,7 @@ from benchmarks.cases.robots import uniform_chain
 from benchmarks.table import stored_table
 from pfd_core.dynamics.methods import FORWARD, ITERATIVE, SERIAL, record_forward_dynamics
 from pfd_core.machine.program import Program, Steps
-from pfd_core.model import resolve
+from pfd_core.model.plant import resolve
 from pfd_core.paper import editions, networks
 from pfd_core.paper.array import (
     DIVIDE,

@@ -26,7 +26,9 @@ from benchmarks.table import stored_table
 import pfd_core as pfd
 from pfd_core.kernels.compile import inverse_dynamics
 from pfd_core.machine.emulator import run
-from pfd_core.model import Payload, Plant, Robot, Scene, resolve, with_payload
+from pfd_core.model.plant import Plant, resolve
+from pfd_core.model.robot import Payload, Robot, with_payload
+from pfd_core.model.scene import Scene
 from pfd_core.paper.newton_euler import record_inverse_dynamics
 
 # Units of rounding of the number formats.

@@ -29,7 +29,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from benchmarks.table import stored_text
-from pfd_core.model import Robot, load_robot
+from pfd_core.model.loading import load_robot
+from pfd_core.model.robot import Robot
 
 Array = NDArray[Any]
 

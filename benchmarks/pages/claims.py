@@ -32,7 +32,8 @@ from benchmarks.pages.worked_example import doubling
 from benchmarks.table import Row, page, shown, stored_table, table
 from pfd_core.dynamics.methods import FORWARD
 from pfd_core.machine.program import Steps
-from pfd_core.model import load_robot, resolve
+from pfd_core.model.loading import load_robot
+from pfd_core.model.plant import resolve
 from pfd_core.paper import networks
 from pfd_core.paper.array import SECTION
 from pfd_core.paper.emulate import arithmetic

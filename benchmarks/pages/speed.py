@@ -34,7 +34,7 @@ from benchmarks.table import Cells, bullets, grid, lines_of, page, result_row, s
 from benchmarks.timing import Pace, surroundings, take_turns
 from pfd_core.kernels.cache import VARIABLE
 from pfd_core.kernels.compile import compile_kernel
-from pfd_core.model import Robot
+from pfd_core.model.robot import Robot
 
 Row = Mapping[str, Any]
 Makers = Mapping[str, Callable[[Robot], Peer]]

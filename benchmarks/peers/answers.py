@@ -26,7 +26,7 @@ from pfd_core.kernels.recipes import error_estimate, recipe_of
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
-from pfd_core.model import Scene
+from pfd_core.model.scene import Scene
 from pfd_core.simulation.simulator import Simulator
 
 # Names of the ways on pages.

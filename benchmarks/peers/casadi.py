@@ -41,7 +41,7 @@ from benchmarks.cases.robots import Array, joint_frames
 from benchmarks.peers.native import OPTIMISED, address, built
 from benchmarks.peers.work import SINE, Arguments, Peer, Side, installed, is_batch
 from benchmarks.table import stored_text
-from pfd_core.model import Robot
+from pfd_core.model.robot import Robot
 
 casadi: Any = None
 with suppress(ImportError):

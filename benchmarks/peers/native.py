@@ -21,7 +21,7 @@ import numpy as np
 
 from benchmarks.cases.robots import Array
 from benchmarks.peers.work import LeftOutError
-from pfd_core.model import Plant
+from pfd_core.model.plant import Plant
 
 OPTIMISED = ('-O3', '-march=native')
 

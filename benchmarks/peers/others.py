@@ -38,7 +38,8 @@ from benchmarks.peers.work import (
     is_batch,
     plant_of,
 )
-from pfd_core.model import Plant, Robot
+from pfd_core.model.plant import Plant
+from pfd_core.model.robot import Robot
 from pfd_core.model.urdf_writer import robot_to_urdf
 
 # Every body is compiled with these numbers, so that MuJoCo prepares for a general one, and gets

@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.cases.problems import FORWARD, STATE
 from benchmarks.peers.work import Arguments, Peer, Side, is_batch
 from pfd_core.kernels.compile import compile_kernel
-from pfd_core.model import Robot
+from pfd_core.model.robot import Robot
 
 CODE = 'native code for this robot and processor'
 

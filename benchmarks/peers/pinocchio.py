@@ -27,7 +27,8 @@ from benchmarks.cases.robots import Array, joint_frames
 from benchmarks.peers.native import OPTIMISED, address, built, joint_torques
 from benchmarks.peers.work import SINE, Arguments, Peer, Side, installed, is_batch, plant_of
 from benchmarks.table import stored_text
-from pfd_core.model import Plant, Robot
+from pfd_core.model.plant import Plant
+from pfd_core.model.robot import Robot
 
 CODE = 'C++ for any robot, as in the wheel'
 # Quantity to the name of a function of model, data and the arguments, and one for batches.

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from benchmarks.cases.robots import Array
 from benchmarks.run import show_progress
-from pfd_core.model import Plant, Robot, resolve
+from pfd_core.model.plant import Plant, resolve
+from pfd_core.model.robot import Robot
 
 SINE = 'float64, sine and cosine of the C library: 1 ulp, any angle'
 Arguments = Sequence[Array]

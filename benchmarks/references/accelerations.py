@@ -43,7 +43,7 @@ from benchmarks.cases.problems import ROUNDING, SEED, Problem
 from benchmarks.cases.robots import Array
 from pfd_core.dynamics.methods import record_forward_dynamics
 from pfd_core.machine.emulator import run
-from pfd_core.model import Plant
+from pfd_core.model.plant import Plant
 from pfd_core.paper.composite import record_terms
 
 DIGITS = 50

@@ -30,7 +30,7 @@ from benchmarks.references.accelerations import Reference, norm
 from pfd_core.dynamics.methods import record_forward_dynamics
 from pfd_core.machine.derivative import derivative
 from pfd_core.machine.emulator import run
-from pfd_core.model import Plant
+from pfd_core.model.plant import Plant
 
 Matrices = dict[str, NDArray[Any]]
 # d qdd / d (q, qd, tau), (S, n, 3n), and [A B] of a step, (S, 2n, 3n), if there is one.

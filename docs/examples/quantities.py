@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 import pfd_core as pfd
-from pfd_core.model import Frame
+from pfd_core.model.robot import Frame
 
 robot = pfd.load_robot('ur5')
 payload = pfd.Payload(2.0, center=(0.0, 0.0, 0.1))

@@ -48,7 +48,7 @@ from pfd_core.machine.iteration import TOLERANCES
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder, inline
 from pfd_core.machine.vectors import array
-from pfd_core.model import Plant, check_instant, has_drives
+from pfd_core.model.plant import Plant, check_instant, has_drives
 
 OWN_METHOD = 'composite_body'
 

@@ -80,7 +80,7 @@ from pfd_core.machine.vectors import (
     dot,
     symmetric_sum,
 )
-from pfd_core.model import Plant
+from pfd_core.model.plant import Plant
 
 NONE = array([0.0] * 3)
 

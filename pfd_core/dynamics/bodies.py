@@ -40,9 +40,11 @@ from pfd_core.dynamics.links import (
 )
 from pfd_core.dynamics.numbers import PARAMETERS, parameters, with_inputs
 from pfd_core.machine.vectors import UPPER
-from pfd_core.model import Payload, Plant, Robot, Scene
 from pfd_core.model.effects import INPUT
 from pfd_core.model.geometry import merged, product
+from pfd_core.model.plant import Plant
+from pfd_core.model.robot import Payload, Robot
+from pfd_core.model.scene import Scene
 from pfd_core.model.values import Array, quote
 
 # Robots whose parameters, and payloads whose numbers, are kept.

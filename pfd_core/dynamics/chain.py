@@ -33,8 +33,8 @@ from pfd_core.machine.vectors import (
     symmetric_matrix,
     symmetric_sum,
 )
-from pfd_core.model import Plant, Robot
-from pfd_core.model.robot import coupled, spread
+from pfd_core.model.plant import Plant
+from pfd_core.model.robot import Robot, coupled, spread
 
 # Largest angle of a sine with all its digits [rad]: kernels.sines.WRAP_LIMIT.
 LARGEST_ANGLE = 1e5

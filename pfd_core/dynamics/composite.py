@@ -60,7 +60,7 @@ from pfd_core.dynamics.joints import (
 from pfd_core.dynamics.links import GIVEN, GROUPED
 from pfd_core.dynamics.newton_euler import right_side, torques
 from pfd_core.machine.program import Program
-from pfd_core.model import Plant
+from pfd_core.model.plant import Plant
 
 
 def composite_bodies(chain: Chain) -> Matrix:

@@ -36,7 +36,7 @@ from pfd_core.machine.iteration import TOLERANCE, iterate
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes
-from pfd_core.model import Plant
+from pfd_core.model.plant import Plant
 
 ITERATIONS_PER_JOINT = 20
 SPARE_ITERATIONS = 10

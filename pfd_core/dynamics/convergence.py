@@ -30,7 +30,7 @@ from pfd_core.dynamics.refinement import record_residual, solver
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder, inline
-from pfd_core.model import Plant
+from pfd_core.model.plant import Plant
 
 # Largest correction of a converged answer, as a share of the accelerations. Ordinary states of the
 # included arms need 1e-5 in single precision. With a payload of 1e6 kg, 0.005 accepts errors of up

@@ -33,7 +33,7 @@ from pfd_core.dynamics.interface import input_list, program_with_outputs
 from pfd_core.machine.lanes import absolute, merge, on, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.model import Plant, has_drives
+from pfd_core.model.plant import Plant, has_drives
 from pfd_core.model.values import Array
 
 # Gravity torques of a model at the input q, in the order of tau.

@@ -39,8 +39,8 @@ from pfd_core.dynamics.numbers import Numbers, rotors
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import UPPER, array, constants, cross, dot
-from pfd_core.model import Plant
 from pfd_core.model.geometry import product
+from pfd_core.model.plant import Plant
 from pfd_core.model.robot import gathered, spread
 
 

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 from pfd_core.dynamics.numbers import rotors
 from pfd_core.machine.lanes import where
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.model import Plant, Robot
-from pfd_core.model.robot import gathered
+from pfd_core.model.plant import Plant
+from pfd_core.model.robot import Robot, gathered
 
 Matrix = list[list[Any]]  # by rows
 

@@ -50,9 +50,9 @@ from pfd_core.dynamics.links import centered_links
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Recorder
 from pfd_core.machine.vectors import array, constants, cross
-from pfd_core.model import Frame, Plant
 from pfd_core.model.geometry import product
-from pfd_core.model.robot import gathered, spread
+from pfd_core.model.plant import Plant
+from pfd_core.model.robot import Frame, gathered, spread
 
 
 def record_pose(plant: Plant, frame: Frame) -> Program:

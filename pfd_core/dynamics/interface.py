@@ -20,7 +20,7 @@ import numpy as np
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array
-from pfd_core.model import Plant
+from pfd_core.model.plant import Plant
 
 
 def input_row(recorder: Recorder, name: str) -> Lanes:

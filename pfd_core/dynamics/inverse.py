@@ -27,8 +27,8 @@ from dataclasses import replace
 from pfd_core.dynamics.factors import Factors, Matrix, solution, symmetric
 from pfd_core.dynamics.refinement import record_residual, solver
 from pfd_core.machine.recorder import Lanes, Recorder, inline
-from pfd_core.model import Plant
 from pfd_core.model.effects import INERTIA
+from pfd_core.model.plant import Plant
 
 # Methods that solve for single columns; the others share the factor of composite bodies.
 BY_COLUMNS = ('articulated_body', 'grouped_articulated_body')

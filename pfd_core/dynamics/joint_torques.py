@@ -32,7 +32,8 @@ from pfd_core.dynamics.interface import input_list, input_row, program_with_outp
 from pfd_core.dynamics.numbers import Numbers
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.model import EFFECTS, Effect, Plant
+from pfd_core.model.effects import EFFECTS, Effect
+from pfd_core.model.plant import Plant
 
 
 def plus_joint_torques(

@@ -36,8 +36,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_core.machine.vectors import UPPER
-from pfd_core.model import Robot
 from pfd_core.model.geometry import product, rotation_x, rotation_z
+from pfd_core.model.robot import Robot
 
 # Kinds of parameters of links, see pfd_core.dynamics.chain.
 GROUPED, CENTERED, GIVEN = 'grouped', 'centered', 'given'

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from pfd_core.forking import load
-from pfd_core.model import Plant, check_instant
+from pfd_core.model.plant import Plant, check_instant
 from pfd_core.model.values import choice, quote
 
 if TYPE_CHECKING:

@@ -37,7 +37,7 @@ from pfd_core.dynamics.numbers import Numbers
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import UPPER, array, constants, cross
-from pfd_core.model import Plant
+from pfd_core.model.plant import Plant
 from pfd_core.model.robot import gathered, spread
 
 

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from pfd_core.dynamics.links import CENTERED, GROUPED, link_numbers
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array
-from pfd_core.model import Plant
+from pfd_core.model.plant import Plant
 from pfd_core.model.values import Array
 
 # The input of a program that holds the numbers that vary.

@@ -23,9 +23,10 @@ from numpy.typing import NDArray
 
 from pfd_core.dynamics.bodies import links_of
 from pfd_core.dynamics.numbers import parameters, with_inputs
-from pfd_core.model import Payload, Plant, Robot, Scene, resolve, with_payload
 from pfd_core.model.effects import FIELDS, INPUT
-from pfd_core.model.robot import check_robot
+from pfd_core.model.plant import Plant, resolve
+from pfd_core.model.robot import Payload, Robot, check_robot, with_payload
+from pfd_core.model.scene import Scene
 from pfd_core.model.values import LARGEST, Array, quote, real_array
 
 # Fields of a scene that may differ among arms: those whose number no program depends on otherwise.

@@ -24,8 +24,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from pfd_core.forking import load
-from pfd_core.model import EFFECTS, Effect, Plant, check_instant
-from pfd_core.model.effects import BRAKES, LINKS
+from pfd_core.model.effects import BRAKES, EFFECTS, LINKS, Effect
+from pfd_core.model.plant import Plant, check_instant
 from pfd_core.model.values import quote
 
 if TYPE_CHECKING:

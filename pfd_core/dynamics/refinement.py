@@ -49,8 +49,8 @@ from pfd_core.forking import load, no_fork
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder, inline
-from pfd_core.model import Plant
 from pfd_core.model.effects import INERTIA
+from pfd_core.model.plant import Plant
 
 
 def record_refined(

@@ -33,8 +33,8 @@ from pfd_core.dynamics.methods import (
 )
 from pfd_core.forking import no_fork
 from pfd_core.kernels.cache import kept
-from pfd_core.model import Plant
 from pfd_core.model.effects import INERTIA
+from pfd_core.model.plant import Plant
 from pfd_core.model.values import Array, integer, quote
 
 if TYPE_CHECKING:

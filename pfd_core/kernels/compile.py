@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.recipes import recipe_of
 from pfd_core.kernels.spec import KernelSpec, quantity_named
-from pfd_core.model import Robot, Scene, given_scene
+from pfd_core.model.robot import Robot
+from pfd_core.model.scene import Scene, given_scene
 
 # A kernel holds about a megabyte of code: a sweep over many robots must not hold all of theirs.
 CACHED_KERNELS = 128

@@ -30,8 +30,9 @@ from pfd_core.kernels.objects import python_function
 from pfd_core.kernels.recipes import Recipe, error_estimate, turned_joints
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.kernels.threads import batch_work, block_size, run, thread_count
-from pfd_core.model import Payload, scene_inputs
 from pfd_core.model.effects import INPUT
+from pfd_core.model.robot import Payload
+from pfd_core.model.scene import scene_inputs
 from pfd_core.model.values import check_finite, common_shape, real_array
 
 if TYPE_CHECKING:

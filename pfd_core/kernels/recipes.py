@@ -25,8 +25,8 @@ from pfd_core.forking import cached_property, no_fork
 from pfd_core.kernels.cache import kept
 from pfd_core.kernels.native import Native, Optimisation, compile_kept
 from pfd_core.kernels.spec import KernelSpec
-from pfd_core.model import Plant, Robot
-from pfd_core.model.robot import coupled
+from pfd_core.model.plant import Plant
+from pfd_core.model.robot import Robot, coupled
 
 if TYPE_CHECKING:
     from pfd_core.kernels.lower import Stages

@@ -37,8 +37,8 @@ from pfd_core.kernels.simulate import MOTION, PLAN, Steps, simulation_functions
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.kernels.threads import address
 from pfd_core.machine.program import Program
-from pfd_core.model import Plant, has_drives
 from pfd_core.model.effects import INERTIA, JOINTS, LINKS, MOTORS
+from pfd_core.model.plant import Plant, has_drives
 from pfd_core.model.values import Array
 
 # A row of the table of a plan: an address, and bytes from arm to arm, element and step.

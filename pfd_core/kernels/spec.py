@@ -15,16 +15,10 @@ from typing import Any
 from pfd_core.dynamics.quantities import QUANTITIES, Quantity
 from pfd_core.forking import no_fork
 from pfd_core.kernels.auto import select
-from pfd_core.model import (
-    INSTANT,
-    Plant,
-    Robot,
-    Scene,
-    check_joint_inertia,
-    given_scene,
-    resolve,
-)
 from pfd_core.model.effects import INPUT
+from pfd_core.model.plant import INSTANT, Plant, check_joint_inertia, resolve
+from pfd_core.model.robot import Robot
+from pfd_core.model.scene import Scene, given_scene
 from pfd_core.model.values import DTYPES, choice, integer, quote
 
 # Forward dynamics at an instant of a step of a simulation, whose effects over time are the step's

@@ -26,6 +26,7 @@ import xml.etree.ElementTree as ElementTree
 from pfd_core.model.packages import find_package
 from pfd_core.model.robot import JOINT_TYPES, LIMIT_FIELDS, STATED
 from pfd_core.model.urdf import Urdf
+from pfd_core.model.urdf_chain import path_to
 from pfd_core.model.urdf_writer import add_rotor, all_written
 from pfd_core.model.values import number_from_text, quote, real_array
 from pfd_core.model.yaml_files import numbers, read_yaml, table
@@ -81,7 +82,8 @@ def with_numbers(urdf: Urdf, found: Description, text: str, source: str) -> str:
     """
     rest = ('source', 'get', 'numbers')
     document = table(quote(source), read_yaml(text, source), ('robot', 'description'), rest)
-    joints = _chain(urdf, found.tip)
+    above = path_to(found.tip, {joint.child: joint for joint in urdf.joints.values()})
+    joints = [x.name for x in above if x.kind in JOINT_TYPES and x.mimic is None]
     root = ElementTree.fromstring(urdf.text.strip())
     root.set('name', str(document['robot']))
     elements = {joint.get('name'): joint for joint in root.findall('joint')}
@@ -107,15 +109,3 @@ def with_numbers(urdf: Urdf, found: Description, text: str, source: str) -> str:
         if path.startswith(f'{found.folder}/'):
             mesh.set('filename', f'package://{found.package}{path[len(str(found.folder)) :]}')
     return ElementTree.tostring(root, encoding='unicode')
-
-
-def _chain(urdf: Urdf, tip: str) -> list[str]:
-    """Return the joints that move a link, from the base on."""
-    above = {joint.child: joint for joint in urdf.joints.values()}
-    link, found = tip, list[str]()
-    while link in above:
-        joint = above.pop(link)
-        link = joint.parent
-        if joint.kind in JOINT_TYPES and joint.mimic is None:
-            found.insert(0, joint.name)
-    return found

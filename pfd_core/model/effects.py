@@ -5,12 +5,11 @@ The table of effects: one record for each effect of a scene (EFFECTS), which hol
 
 An effect holds the physics, a field what users may give: units, checks, numbers for a robot.
 Methods, quantities, derivatives, energy, the choice of an integrator, YAML, the parameters of the
-node, reports and the table in docs/reference/effects.md are derived from the records. A new
-effect of a joint is a record here, and a field of Scene with its lines in the docstring. An effect
-on motors also needs its torque in pfd_core.dynamics.drives. An effect that acts over a step (STEP)
-needs its law in pfd_core.simulation: dry friction and stops in dry, the lag of motors in stages. A
-torque that depends on the torque of the motor is such an effect: `torque` is a function of q and
-qd only.
+node, reports and docs/reference/effects.md are derived from the records. A new effect of a joint
+is a record here and a field of Scene. One on motors also needs its torque in
+pfd_core.dynamics.drives, and one that acts over a step (STEP) its law in pfd_core.simulation: dry
+friction and stops in dry, the lag of motors in stages. A torque that depends on the torque of the
+motor is of the latter kind: `torque` is a function of q and qd only.
 
 The effects add to the joint torques of the rigid links:
 
@@ -20,12 +19,9 @@ The effects add to the joint torques of the rigid links:
 torque and potential are functions on lane values. They use the operators of lane values and the
 functions of pfd_core.machine.lanes, and are recorded on n lanes (one row for all joints) and on
 one processor (one number for each joint). Each joint's torque depends on its own q and qd only,
-and a conservative one is the derivative of its potential. `c` holds the numbers of the effect as
-constants by the names of the fields: a lane value, or a tuple of them for a field with columns. A
-field that refines another is None where it is not given or zero, so that it costs nothing.
-
-A field with a value a joint takes values of all joints, of some joints by name, or "model": the
-values that a robot states.
+and a conservative one is the derivative of its potential. `c` holds the numbers of the effect by
+the names of the fields: a lane value, or a tuple of them for a field with columns. A field that
+refines another is None where it is not given or zero, so that it costs nothing.
 """
 
 from __future__ import annotations
@@ -35,12 +31,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 import math
 from typing import Any
-import warnings
 
 import numpy as np
 
 from pfd_core.forking import load
-from pfd_core.model.robot import LIMIT_FIELDS, Payload, PhysicsWarning, Robot, unstated
+from pfd_core.model.robot import LIMIT_FIELDS, Payload, Robot, unstated, warn
 from pfd_core.model.rotors import estimated_armature
 from pfd_core.model.values import (
     LARGEST,
@@ -129,9 +124,9 @@ class Field:
 
         Of a mapping of joints to numbers, rows or tables they are pairs, in the order of names.
         """
-        if (value is None and self.off is None) or (
-            isinstance(value, str) and value in self._words
-        ):
+        if value is None and self.off is None:
+            return value
+        if isinstance(value, str) and value in self._words:
             return value
         if self.kind == SWITCH:
             return switch(self.name, value)
@@ -151,16 +146,16 @@ class Field:
                 )
             pairs = ((j, self._of_joint(f'joint {quote(j)}', given[j])) for j in sorted(given))
             return ByJoint(pairs) or self.off
-        if self.kind == SHARE and not _is_list(value):
+        if _is_list(value):
+            if self.kind == TABLES:
+                return tuple(self._of_joint(f'joint {i}', x) for i, x in enumerate(value, 1))
+            return self._numbers(self.name, value, ('n', *self._row))
+        if self.kind == SHARE:
             return self._numbers(self.name, value, ())
-        if not _is_list(value):
-            row = f'one row ({", ".join(self.columns)})' if self.columns else 'one number'
-            row = 'one table with rows (speed, torque)' if self.kind == TABLES else row
-            words = ', '.join(map(repr, (self.off, *self._words)))
-            raise ValueError(f'{self.name} must be {words} or {row} per joint, got {quote(value)}')
-        if self.kind == TABLES:
-            return tuple(self._of_joint(f'joint {i}', rows) for i, rows in enumerate(value, 1))
-        return self._numbers(self.name, value, ('n', *self._row))
+        row = f'one row ({", ".join(self.columns)})' if self.columns else 'one number'
+        row = 'one table with rows (speed, torque)' if self.kind == TABLES else row
+        words = ', '.join(map(repr, (self.off, *self._words)))
+        raise ValueError(f'{self.name} must be {words} or {row} per joint, got {quote(value)}')
 
     @property
     def _row(self) -> tuple[int, ...]:
@@ -211,10 +206,9 @@ class Field:
         elif isinstance(value, ByJoint):
             value = self._of_all_joints(robot, dict(value))
         if len(value) != robot.n:
-            rows = 'rows' if self.columns else 'numbers'
+            rows = 'tables' if self.kind == TABLES else 'rows' if self.columns else 'numbers'
             raise ValueError(
-                f'{self.name} of the scene has {len(value)} '
-                f'{"tables" if self.kind == TABLES else rows}, but {quote(robot.name)} has '
+                f'{self.name} of the scene has {len(value)} {rows}, but {quote(robot.name)} has '
                 f'{robot.n} joints: {quote_all(robot.joint_names)}'
             )
         return _table_rows(value) if self.kind == TABLES else np.asarray(value, dtype=np.float64)
@@ -246,11 +240,9 @@ class Field:
         if silent:
             # A scene with values by joint has none of the model.
             stated = [j for j in robot.joint_names if keys - unstated(robot, j)]
-            warnings.warn(
+            warn(
                 f'{label} {quote_all(silent)}, which have none: give the values of all joints, '
-                f'{self._by_joint([*stated[:1], silent[0]])}',
-                PhysicsWarning,
-                stacklevel=2,
+                f'{self._by_joint([*stated[:1], silent[0]])}'
             )
 
     def _by_joint(self, joints: list[str]) -> str:
@@ -307,12 +299,11 @@ def _table_rows(tables: Any) -> Array | None:
 
 def _model_tables(robot: Robot) -> list[list[tuple[float, float]] | None]:
     """Return tables that fall from effort limits beyond velocity limits; None without one."""
-    tables: list[list[tuple[float, float]] | None] = []
-    limits = robot.velocity_limit.tolist(), robot.effort_limit.tolist()
-    for speed, torque in zip(*limits, strict=True):
-        limited = math.isfinite(speed) and math.isfinite(torque)
-        tables.append([(speed, torque), (NO_EFFORT * speed, 0.0)] if limited else None)
-    return tables
+    pairs = zip(robot.velocity_limit.tolist(), robot.effort_limit.tolist(), strict=True)
+    return [
+        [(speed, torque), (NO_EFFORT * speed, 0.0)] if math.isfinite(max(speed, torque)) else None
+        for speed, torque in pairs
+    ]
 
 
 @dataclass(frozen=True)
@@ -456,133 +447,96 @@ def _cogging_energy(c: Any, q: Any) -> Any:
     return -amplitude / periods * load('machine.lanes.cos')(periods * q + phase)
 
 
+def _effect(name: str, acts: str, *field: Any, **given: Any) -> Effect:
+    """Return an effect and its first field, by the arguments of Field and of Effect."""
+    own = {key: given.pop(key) for key in Effect.__dataclass_fields__.keys() & given.keys()}
+    return Effect(name, acts, Field(*field, **given), **own)
+
+
 EFFECTS: tuple[Effect, ...] = (
-    Effect(
-        'gravity',
-        LINKS,
-        Field(
-            'gravity',
-            'Acceleration of free fall, root frame',
-            'm/s^2',
-            kind=VECTOR,
-            least=-math.inf,
-        ),
+    _effect(
+        *('gravity', LINKS, 'gravity', 'Acceleration of free fall, root frame', 'm/s^2'),
+        kind=VECTOR,
+        least=-math.inf,
         at_rest=True,
     ),
-    Effect(
-        'damping',
-        JOINTS,
-        Field('damping', 'Viscous damping of the joint', 'N m s/rad', 'N s/m', model=('damping',)),
+    _effect(
+        *('damping', JOINTS, 'damping', 'Viscous damping of the joint', 'N m s/rad', 'N s/m'),
+        model=('damping',),
         viscosity=True,
     ),
-    Effect(
-        'armature',
-        JOINTS,
-        Field(
-            'armature',
-            'Rotor inertia of the joint times the square of its gear ratio',
-            'kg m^2',
-            'kg',
-            model=('armature',),
-            estimated=True,
-        ),
+    _effect(
+        *('armature', JOINTS, 'armature'),
+        *('Rotor inertia of the joint times the square of its gear ratio', 'kg m^2', 'kg'),
+        model=('armature',),
+        estimated=True,
         inertia=True,
     ),
-    Effect(
-        'payload',
-        LINKS,
-        Field('payload', 'A body held by the last link', kind=PAYLOAD),
+    _effect(
+        *('payload', LINKS, 'payload', 'A body held by the last link'),
+        kind=PAYLOAD,
         at_rest=True,
         inertia=True,
     ),
-    Effect(
-        'external wrench',
-        LINKS,
-        Field('external_wrench', 'Wrench on the last link as an input', kind=SWITCH, off=False),
+    _effect(
+        *('external wrench', LINKS, 'external_wrench', 'Wrench on the last link as an input'),
+        kind=SWITCH,
+        off=False,
     ),
-    Effect(
-        'brakes',
-        BRAKES,
-        Field('brakes', 'Joints that can be braked at run time', kind=SWITCH, off=False),
+    _effect(
+        *('brakes', BRAKES, 'brakes', 'Joints that can be braked at run time'),
+        kind=SWITCH,
+        off=False,
     ),
-    Effect(
-        'friction',
-        STEP,
-        Field('friction', 'Coulomb friction of the joint', 'N m', 'N', model=('friction',)),
+    _effect(
+        *('friction', STEP, 'friction', 'Coulomb friction of the joint', 'N m', 'N'),
+        model=('friction',),
         completed=_friction,
     ),
-    Effect(
-        'static friction',
-        STEP,
-        Field(
-            'static_friction',
-            'Friction that a resting joint can hold, at least and by default its Coulomb friction',
-            'N m',
-            'N',
-            left_out=math.nan,
-            needs='friction',
-        ),
+    _effect(
+        *('static friction', STEP, 'static_friction'),
+        'Friction that a resting joint can hold, at least and by default its Coulomb friction',
+        *('N m', 'N'),
+        left_out=math.nan,
+        needs='friction',
     ),
-    Effect(
-        'Stribeck velocity',
-        STEP,
-        Field(
-            'stribeck_velocity',
-            'Velocity at which static friction has fallen half-way to Coulomb friction',
-            'rad/s',
-            'm/s',
-            above=True,
-            needs='static_friction',
-        ),
+    _effect(
+        *('Stribeck velocity', STEP, 'stribeck_velocity'),
+        'Velocity at which static friction has fallen half-way to Coulomb friction',
+        *('rad/s', 'm/s'),
+        above=True,
+        needs='static_friction',
     ),
-    Effect(
-        'load friction',
-        STEP,
-        Field(
-            'load_friction',
-            'Share of the torque of the motor that friction takes, as in gears',
-            '1',
-            most=1.0,
-        ),
+    _effect(
+        *('load friction', STEP, 'load_friction'),
+        *('Share of the torque of the motor that friction takes, as in gears', '1'),
+        most=1.0,
     ),
-    Effect(
-        'joint stops',
-        STEP,
-        Field(
-            'joint_limits',
-            'Stops at the position limits of the joint',
-            'rad',
-            'm',
-            model=('position_lower', 'position_upper'),
-            columns=('lower', 'upper'),
-            least=-math.inf,
-            infinite=True,
-            left_out=(-math.inf, math.inf),
-        ),
+    _effect(
+        *('joint stops', STEP, 'joint_limits'),
+        *('Stops at the position limits of the joint', 'rad', 'm'),
+        model=('position_lower', 'position_upper'),
+        columns=('lower', 'upper'),
+        least=-math.inf,
+        infinite=True,
+        left_out=(-math.inf, math.inf),
         completed=_stops,
     ),
-    Effect(
-        'restitution',
-        STEP,
-        Field(
-            'restitution',
-            'Share of its velocity that a joint keeps when it bounces off its stop',
-            kind=SHARE,
-            off=0.0,
-            most=1.0,
-            needs='joint_limits',
-        ),
+    _effect(
+        *('restitution', STEP, 'restitution'),
+        'Share of its velocity that a joint keeps when it bounces off its stop',
+        kind=SHARE,
+        off=0.0,
+        most=1.0,
+        needs='joint_limits',
     ),
-    Effect(
-        'springs',
-        JOINTS,
-        Field('stiffness', 'Stiffness of the spring of the joint', 'N m/rad', 'N/m'),
-        (
+    _effect(
+        *('springs', JOINTS, 'stiffness', 'Stiffness of the spring of the joint'),
+        *('N m/rad', 'N/m'),
+        more=(
             Field(
-                'rest_position',
-                'Position at which the spring of the joint is slack',
-                'rad',
-                'm',
+                *('rest_position', 'Position at which the spring of the joint is slack'),
+                *('rad', 'm'),
                 least=-math.inf,
                 needs='stiffness',
             ),
@@ -591,70 +545,47 @@ EFFECTS: tuple[Effect, ...] = (
         torque=_spring_torque,
         potential=_spring_energy,
     ),
-    Effect(
-        'cogging',
-        JOINTS,
-        Field(
+    _effect(
+        *(
+            'cogging',
+            JOINTS,
             'cogging',
             'Torque of the joint that goes through some periods a turn',
-            'N m, 1/turn, rad',
-            'N, 1/(2 pi m), rad',
-            columns=('amplitude', 'periods', 'phase'),
-            least=-math.inf,
-            left_out=(0.0, 0.0, 0.0),
         ),
+        *('N m, 1/turn, rad', 'N, 1/(2 pi m), rad'),
+        columns=('amplitude', 'periods', 'phase'),
+        least=-math.inf,
+        left_out=(0.0, 0.0, 0.0),
         at_rest=True,
         torque=_cogging_torque,
         potential=_cogging_energy,
         completed=_cogging,
     ),
-    Effect(
-        'effort limits',
-        MOTORS,
-        Field(
-            'effort_limits',
-            'Largest torque of the motor',
-            'N m',
-            'N',
-            model=('effort_limit',),
-            infinite=True,
-            left_out=math.inf,
-        ),
+    _effect(
+        *('effort limits', MOTORS, 'effort_limits', 'Largest torque of the motor', 'N m', 'N'),
+        model=('effort_limit',),
+        infinite=True,
+        left_out=math.inf,
     ),
-    Effect(
-        'torque-speed tables',
-        MOTORS,
-        Field(
-            'torque_speed',
-            'Largest driving torque of the motor by speed',
-            'rad/s, N m',
-            'm/s, N',
-            kind=TABLES,
-            model=('velocity_limit', 'effort_limit'),
-            left_out=None,
-        ),
+    _effect(
+        *('torque-speed tables', MOTORS, 'torque_speed'),
+        *('Largest driving torque of the motor by speed', 'rad/s, N m', 'm/s, N'),
+        kind=TABLES,
+        model=('velocity_limit', 'effort_limit'),
+        left_out=None,
     ),
-    Effect(
-        'gravity compensation',
-        MOTORS,
-        Field(
-            'gravity_compensation',
-            'Gravity torques of a model that the drives add',
-            kind=COMPENSATION,
-            off=False,
-        ),
+    _effect(
+        *('gravity compensation', MOTORS, 'gravity_compensation'),
+        'Gravity torques of a model that the drives add',
+        kind=COMPENSATION,
+        off=False,
         at_rest=True,
     ),
-    Effect(
-        'motor lag',
-        STEP,
-        Field(
-            'motor_lag',
-            'Time constant with which the motor of the joint follows its effort',
-            's',
-            's',
-            most=10.0,
-        ),
+    _effect(
+        *('motor lag', STEP, 'motor_lag'),
+        'Time constant with which the motor of the joint follows its effort',
+        *('s', 's'),
+        most=10.0,
     ),
 )
 # Field of Scene -> its record, and the effect.

@@ -3,8 +3,7 @@
 """
 Rotations and rigid bodies as plain arrays, with zeros and ones that stay exact, and their checks.
 
-A kernel folds a factor of exactly 0 or 1 away, so a twist of 90 degrees must not become 6e-17:
-angles that are multiples of 90 degrees give exact matrices here.
+A kernel folds a factor of exactly 0 or 1 away, so multiples of 90 degrees give exact matrices.
 """
 
 from __future__ import annotations
@@ -26,14 +25,11 @@ Body = tuple[float, Array, Array]  # mass [kg], its centre, (3,) [m], inertia ab
 RIGHT_ANGLE_TOLERANCE = 8 * np.finfo(float).eps
 # A snapped rotation must be as orthonormal as rounding leaves any rotation.
 ORTHONORMAL_TOLERANCE = 16 * np.finfo(float).eps
-# A rotation with 16 digits, or a product of a few, is orthonormal to some 1e-15; a rotation with
-# 6 digits only to 1e-6, and would stretch every link.
+# Of a rotation with 16 digits, or a product of a few; one with 6 digits would stretch every link.
 ROTATION_TOLERANCE = 1e-12
-# Rotating an inertia rounds at 1e-16 of its largest element, several times over; so does moving
-# it to the centre of mass, at 1e-16 of the mass times the square of the distance.
+# Rotating an inertia, or moving it to the centre of mass, rounds at 1e-16 several times over.
 INERTIA_TOLERANCE = 1e-12
-# A flat body reaches the bound of the triangle rule; 1e-9 is far above its rounding and below the
-# last published digit.
+# A flat body reaches the bound of the triangle rule: above its rounding, below published digits.
 TRIANGLE_TOLERANCE = 1e-9
 # A multiple of pi/2 is off by its own rounding: for two whole turns by 1e-15.
 MOST_QUARTERS = 8
@@ -44,8 +40,7 @@ def product(first: Array, *others: Array) -> Array:
     """
     Return the matrix product of a matrix, (3, 3), with matrices, (3, 3), or vectors, (3,).
 
-    NumPy's own product calls a BLAS, which rounds differently from one processor to another; this
-    one gives the same bits everywhere, as a replay needs.
+    With the same bits everywhere, as a replay needs; NumPy's own product calls a BLAS.
     """
     result = first
     for other in others:
@@ -104,11 +99,18 @@ def angles_of_quaternion(x: float, y: float, z: float, w: float) -> tuple[float,
     return half_sum - half_difference, pitch, half_sum + half_difference
 
 
+def composed(outer: Placement, inner: Placement) -> Placement:
+    """Return a frame that is given in another one, in the frame outside of both."""
+    (R, p), (turn, way) = outer, inner
+    return product(R, turn), p + product(R, way)
+
+
 def chained(*frames: Placement) -> Placement:
     """Return the last frame in the base of the first; each frame is given in the one before."""
     R, p = frames[0]
-    for turn, way in frames[1:]:
-        R, p = snapped(product(R, turn)), p + product(R, way)
+    for frame in frames[1:]:
+        R, p = composed((R, p), frame)
+        R = snapped(R)
     return R, p
 
 
@@ -124,11 +126,7 @@ def without_residue(values: Array, scale: float) -> Array:
 
 
 def snapped(rotation: Array) -> Array:
-    """
-    Return a rotation, (3, 3), with exact 0, 1 and -1 for elements that differ by rounding.
-
-    The rotation is returned unchanged if that would make it less orthonormal than rounding does.
-    """
+    """Return a rotation, (3, 3), with exact 0, 1 and -1 for elements that differ by rounding."""
     result = rotation.copy()
     for value in (0.0, 1.0, -1.0):
         result[np.abs(result - value) <= RIGHT_ANGLE_TOLERANCE] = value
@@ -182,33 +180,39 @@ def merged(first: Body, second: Body) -> Body:
     return mass, center, J1 + J2 + apart
 
 
-def welded_frames(placements: list[Placement], bodies: list[Body]) -> dict[str, Any]:
+def moved(frame: Placement, body: Body) -> Body:
+    """Return a body that is given in a frame as seen from outside of it."""
+    (R, p), (mass, center, J) = frame, body
+    return mass, p + product(R, center), product(R, J, R.T)
+
+
+def seen_in(frame: Placement, body: Body) -> Body:
+    """Return a body as seen in a frame."""
+    (R, p), (mass, center, J) = frame, body
+    return mass, product(R.T, center - p), product(R.T, J, R)
+
+
+def welded_fields(placements: list[Placement], bodies: list[Body]) -> dict[str, Any]:
     """
-    Return the fields of `Robot` for frames, masses, centres and inertias of a chain.
+    Return the fields of `Robot` for bodies in the frames of joints, each given in the one before.
 
-    `placements` are n + 1: joint 1 in the base link, joint 2 in joint 1, ..., the tip in joint n;
-    `bodies` are n links, each in the frame of its joint. Joint i turns about, or slides along, z
-    of a separate frame, with which link i moves; frame i of the paper is the frame of joint i+1 at
-    rest on link i, frame 0 that of the first joint.
+    `placements` are n + 1: joint 1 in the base link, ..., the tip in joint n. Link i moves with
+    the frame of joint i; frame i of the paper is that of joint i+1 at rest on link i.
     """
-    bodies = [
-        (mass, product(A.T, c - a), product(A.T, J, A))
-        for (A, a), (mass, c, J) in zip(placements[1:], bodies, strict=True)
-    ]
-    R, p = placements[0]
-    return link_fields(placements[1:], bodies) | {'base_rotation': R, 'base_position': p}
+    return chain_fields(placements, [*map(seen_in, placements[1:], bodies)])
 
 
-def link_fields(placements: list[Placement], bodies: list[Body]) -> dict[str, Any]:
-    """Return the fields of `Robot` for the frames of links, each in the one before, and bodies."""
-    rotations, translations = zip(*placements, strict=True) if placements else ((), ())
-    masses, centers, inertias = zip(*bodies, strict=True) if bodies else ((), (), ())
+def chain_fields(placements: list[Placement], bodies: list[Body]) -> dict[str, Any]:
+    """Return the fields of `Robot` for frames 0 to n, each in the one before, and n bodies."""
+    (R, p), *frames = placements
     return {
-        'rotations': np.array(rotations),
-        'translations': np.array(translations),
-        'masses': np.array(masses),
-        'centers': np.array(centers),
-        'inertias': np.array(inertias),
+        'base_rotation': R,
+        'base_position': p,
+        'rotations': np.array([R for R, _ in frames]),
+        'translations': np.array([p for _, p in frames]),
+        'masses': np.array([mass for mass, _, _ in bodies]),
+        'centers': np.array([center for _, center, _ in bodies]),
+        'inertias': np.array([J for _, _, J in bodies]),
     }
 
 
@@ -228,8 +232,7 @@ def check_inertia(label: str, J: Array, moment: float = 0.0) -> None:
     """
     Raise ValueError unless an inertia, (3, 3), is symmetric and has no negative moment.
 
-    `moment` is the mass times the square of a length of the robot [kg m^2]: an element that is
-    small compared with it may be rounding.
+    An element that is small compared with `moment` [kg m^2], of the robot, may be rounding.
     """
     tolerance = INERTIA_TOLERANCE * max(float(np.abs(J).max()), moment)
     if np.abs(J - J.T).max() > tolerance:

@@ -21,7 +21,8 @@ import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pfd_core.forking import load
-from pfd_core.model.robot import Robot, lock, locked_positions, position_limits
+from pfd_core.model.locking import lock, locks
+from pfd_core.model.robot import Robot
 from pfd_core.model.scene import Scene, scene_from_yaml
 from pfd_core.model.values import quote, quote_all, switch
 from pfd_core.model.yaml_files import is_described, robot_from_yaml
@@ -57,7 +58,6 @@ LONGEST_DECLARATION = 200
 # Encodings of Python that no file declares: they take long, or depend on the machine.
 NOT_OF_FILES = {'idna', 'mbcs', 'oem', 'punycode', 'undefined', 'utf-7'}
 NOT_OF_FILES |= {'unicode-escape', 'raw-unicode-escape'}
-NO_XACRO = 'arguments of xacro, {}, are for a xacro file, and the robot is none'
 URDF, XACRO, MJCF = 'urdf', 'xacro', 'mujoco'
 # A path has one of these, or a folder, or is there; any other word is a name of a robot.
 XML_SUFFIXES = {'.urdf', '.xml', '.xacro'}
@@ -85,13 +85,13 @@ class _Read(NamedTuple):
     kind: str  # URDF, XACRO or MJCF, whose text is URDF, or '' for YAML
     tip: str | None = None  # the tip of a robot by name
 
-    def urdf(self) -> Urdf | None:
-        """Parse it; None if it is YAML."""
+    def model(self) -> Urdf | Robot:
+        """Parse it: a robot if it is YAML."""
         if not self.kind:
-            return None
+            return robot_from_yaml(self.text, self.origin)
         parsed = load('model.urdf.parse_urdf')(self.text, self.origin, self.kind == URDF)
-        found: Urdf = replace(parsed, tip=self.tip)
-        return found
+        urdf: Urdf = replace(parsed, tip=self.tip)
+        return urdf
 
 
 def known_robots(*, described: bool = False) -> list[str]:
@@ -179,26 +179,13 @@ def load_robot(
         negative, or a lower end lies above the upper one.
 
     """
-    _check_ends(base, tip)
-    urdf: Any = source
-    if isinstance(source, (str, PathLike)) or not isinstance(source, load('model.urdf.Urdf')):
-        read = _read(source, xacro)
-        urdf = read.urdf()
-    elif xacro:
-        raise ValueError(NO_XACRO.format(quote_all(xacro)))
-    if urdf is not None:
-        from_urdf: Robot = load('model.urdf_robot.robot_from_urdf')(
-            urdf, base=base, tip=tip, locked=locked, right_angle=right_angle
-        )
-        return from_urdf
-    robot = robot_from_yaml(read.text, read.origin)
-    for role, asked, has in (('base', base, robot.base), ('tip', tip, robot.tip)):
-        if asked not in (None, has):
-            raise ValueError(
-                f'{role}={quote(asked)} cannot be chosen for {quote(robot.name)}: a YAML file '
-                f'holds one chain, from {quote(robot.base)} to {quote(robot.tip)}'
-            )
-    return robot if locked is None else lock(robot, locked)
+    model = _model(source, base, tip, xacro)
+    if isinstance(model, Robot):
+        return model if locked is None else lock(model, locked)
+    found: Robot = load('model.urdf_robot.robot_from_urdf')(
+        model, base=base, tip=tip, locked=locked, right_angle=right_angle
+    )
+    return found
 
 
 def locked_joints(
@@ -215,23 +202,11 @@ def locked_joints(
     They are those that `locked` names or matches, those that mimic these, and those that do not
     move the tip. Arguments and errors are as for `load_robot`.
     """
-    _check_ends(base, tip)
-    urdf: Any = source
-    if isinstance(source, (str, PathLike)) or not isinstance(source, load('model.urdf.Urdf')):
-        urdf = read_urdf(urdf, xacro)
-    elif xacro:
-        raise ValueError(NO_XACRO.format(quote_all(xacro)))
-    if urdf is None:
-        robot = load_robot(source, base=base, tip=tip)
-        return locked_positions({} if locked is None else locked, position_limits(robot))
-    given = load('model.urdf_chain.lockable')(urdf, locked)
-    return dict(load('model.urdf_chain.find_chain')(urdf, base, tip, given).locked)
-
-
-def _check_ends(base: object, tip: object) -> None:
-    for role, name in (('base', base), ('tip', tip)):
-        if name is not None and not isinstance(name, str):
-            raise ValueError(f'{role} must be the name of a link or None, got {quote(name)}')
+    model, given = _model(source, base, tip, xacro), {} if locked is None else locked
+    if isinstance(model, Robot):
+        return locks(model, given)
+    at = load('model.urdf_chain.lockable')(model, given)
+    return dict(load('model.urdf_chain.find_chain')(model, base, tip, at).locked)
 
 
 def read_urdf(
@@ -242,7 +217,9 @@ def read_urdf(
 
     The arguments are as for `load_robot`, and so are the errors; None if it is a robot in YAML.
     """
-    return _read(source, xacro).urdf()
+    read = _read(source, xacro)
+    model = read.model() if read.kind else None
+    return None if isinstance(model, Robot) else model
 
 
 def urdf_of(source: str | PathLike[str], xacro: Mapping[str, object] | None = None) -> str:
@@ -252,9 +229,7 @@ def urdf_of(source: str | PathLike[str], xacro: Mapping[str, object] | None = No
     The arguments are as for `load_robot`, which reads the same robot from the URDF, to rounding.
     """
     read = _read(source, xacro)
-    if read.kind:
-        return read.text
-    text: str = load('model.urdf_writer.robot_to_urdf')(robot_from_yaml(read.text, read.origin))
+    text: str = read.text if read.kind else load('model.urdf_writer.robot_to_urdf')(read.model())
     return text
 
 
@@ -271,6 +246,25 @@ def load_scene(source: str | PathLike[str]) -> Scene:
     return scene_from_yaml(_text('scene', path), str(path))
 
 
+def _model(source: Any, base: object, tip: object, xacro: Any) -> Urdf | Robot:
+    for role, name in (('base', base), ('tip', tip)):
+        if not (name is None or isinstance(name, str)):
+            raise ValueError(f'{role} must be the name of a link or None, got {quote(name)}')
+    if not isinstance(source, (str, PathLike)) and isinstance(source, load('model.urdf.Urdf')):
+        _refuse_arguments(xacro)
+        urdf: Urdf = source
+        return urdf
+    model = _read(source, xacro).model()
+    if isinstance(model, Robot):
+        for role, asked in (('base', base), ('tip', tip)):
+            if asked not in (None, getattr(model, role)):
+                raise ValueError(
+                    f'{role}={quote(asked)} cannot be chosen for {quote(model.name)}: a YAML file '
+                    f'holds one chain, from {quote(model.base)} to {quote(model.tip)}'
+                )
+    return model
+
+
 def _read(source: object, xacro: Mapping[str, object] | None) -> _Read:
     if not (xacro is None or isinstance(xacro, Mapping)):
         raise ValueError(f'xacro must be a mapping, got {quote(xacro)}')
@@ -284,7 +278,8 @@ def _read(source: object, xacro: Mapping[str, object] | None) -> _Read:
         if '\n' in source:
             return _read_yaml(source, 'YAML text', xacro)
     path = _path(source, 'a name, a path or a string')
-    if len(path.parts) == 1 and path.suffix.lower() not in SUFFIXES and not _is_there(path):
+    bare = isinstance(source, str) and len(path.parts) == 1
+    if bare and path.suffix.lower() not in SUFFIXES and not _is_there(path):
         raise ValueError(
             f'unknown robot {quote(str(source))}: known are {", ".join(known_robots())}, and with '
             f'a description of another package {", ".join(known_robots(described=True))}; or '
@@ -312,14 +307,19 @@ def _read_yaml(text: str, origin: str, xacro: Mapping[str, object] | None) -> _R
         _refuse_arguments(xacro)
         return _Read(text, origin, '')
     found = load('model.described.description')(text, origin)
-    parsed = _read(found.path, {**found.xacro, **(xacro or {})}).urdf()
+    parsed = _read(found.path, {**found.xacro, **(xacro or {})}).model()
+    if isinstance(parsed, Robot):
+        raise ValueError(f'{quote(str(found.path))} must be a URDF, got a robot in YAML')
     urdf = load('model.described.with_numbers')(parsed, found, text, origin)
     return _Read(urdf, f'{found.path}, with numbers of {Path(origin).name}', XACRO, found.tip)
 
 
 def _refuse_arguments(xacro: Mapping[str, object] | None) -> None:
     if xacro:
-        raise ValueError(NO_XACRO.format(quote_all(xacro)))
+        names = quote_all(xacro)
+        raise ValueError(
+            f'arguments of xacro, {names}, are for a xacro file, and the robot is none'
+        )
 
 
 def _root_of(text: str, label: str) -> str:
@@ -355,15 +355,25 @@ def _is_there(path: Path) -> bool:
 
 
 def _text(noun: str, path: Path) -> str:
-    """Return the text of a file; ValueError as for `_content`, and for bytes that are no text."""
-    content = _content(noun, path)
+    """Return the text of a file; ValueError for what is no file, too large, or no text."""
+    label = quote(str(path))
+    if not _is_there(path):
+        raise ValueError(f'no {noun} file {label} (looked in {quote(str(Path.cwd()))})')
     try:
+        if not path.is_file():  # a pipe or a device may have no end
+            raise OSError(errno.EINVAL, 'it is not a regular file')
+        with path.open('rb') as file:
+            content = file.read(LARGEST_FILE + 1)
+        if len(content) > LARGEST_FILE:
+            raise OSError(errno.EFBIG, f'it is larger than {LARGEST_FILE} bytes')
         return decoded(content)
+    except OSError as error:
+        raise ValueError(f'cannot read {label}: {error.strerror or error}') from error
     except (UnicodeDecodeError, LookupError) as error:
         # An unknown encoding is declared in the first line.
         at = error.start if isinstance(error, UnicodeDecodeError) else 0
         line = 1 + content.count(b'\n', 0, at)
-        raise ValueError(f'cannot read {quote(str(path))}, line {line}: {error}') from error
+        raise ValueError(f'cannot read {label}, line {line}: {error}') from error
 
 
 def decoded(content: bytes) -> str:
@@ -384,22 +394,6 @@ def decoded(content: bytes) -> str:
         return text
     start, end = declared.span('encoding')
     return f'{text[:start]}UTF-8{text[end:]}'
-
-
-def _content(noun: str, path: Path) -> bytes:
-    """Return the bytes of a file; ValueError for a pipe, a device and a file that is too large."""
-    if not _is_there(path):
-        raise ValueError(f'no {noun} file {quote(str(path))} (looked in {quote(str(Path.cwd()))})')
-    try:
-        if not path.is_file():
-            raise OSError(errno.EINVAL, 'it is not a regular file')
-        with path.open('rb') as file:
-            content = file.read(LARGEST_FILE + 1)
-        if len(content) > LARGEST_FILE:
-            raise OSError(errno.EFBIG, f'it is larger than {LARGEST_FILE} bytes')
-    except OSError as error:
-        raise ValueError(f'cannot read {quote(str(path))}: {error.strerror or error}') from error
-    return content
 
 
 def _robot_files() -> dict[str, Traversable]:

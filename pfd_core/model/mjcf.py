@@ -19,17 +19,21 @@ import math
 from pathlib import Path
 import sys
 from typing import Any
-import warnings
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 
 from pfd_core.model.apart import answer_of
-from pfd_core.model.robot import PhysicsWarning
-from pfd_core.model.urdf import EQUALITY, INERTIA_KEYS, LARGEST_LIMIT
-from pfd_core.model.urdf_writer import add_connection, add_rotor, all_written, written
+from pfd_core.model.robot import warn
+from pfd_core.model.urdf import EQUALITY, LARGEST_LIMIT
+from pfd_core.model.urdf_writer import (
+    add_connection,
+    add_link,
+    add_rotor,
+    all_written,
+    written,
+)
 from pfd_core.model.values import Array, quote, quote_all
-from pfd_core.model.yaml_files import ELEMENTS
 
 GRAVITY = (0.0, 0.0, -9.81)
 # Kinds of joints in the order of MuJoCo.
@@ -43,6 +47,14 @@ FLAGS = {
     'LIMIT': ('limits', 'jnt_limited'),
 }
 OTHERS = ('CONTACT', 'GRAVITY')
+# Kinds of named elements, and the fields with their numbers.
+COUNTS = {
+    'body': 'nbody',
+    'joint': 'njnt',
+    'site': 'nsite',
+    'equality': 'neq',
+    'actuator': 'nu',
+}
 LONGEST_REASON = 800
 _add = ElementTree.SubElement
 
@@ -59,11 +71,7 @@ def urdf_of_mjcf(path: Path) -> str:
     if result['reason']:
         raise ValueError(f'{label}: {result["reason"]}')
     if result['lost']:
-        warnings.warn(
-            f'{label}: not in the robot, since a URDF has none: {"; ".join(result["lost"])}',
-            PhysicsWarning,
-            stacklevel=4,
-        )
+        warn(f'{label}: not in the robot, since a URDF has none: {"; ".join(result["lost"])}')
     text: str = result['text']
     return text
 
@@ -194,7 +202,7 @@ def _equalities(mujoco: Any, model: Any) -> tuple[dict[int, int], dict[int, str]
     kinds, follow, coupled = mujoco.mjtEq, dict[int, int](), dict[int, str]()
     if _is_off(mujoco, model, 'EQUALITY') or _is_off(mujoco, model, 'CONSTRAINT'):
         return follow, coupled
-    names = _names(model, 'eq')
+    names = _names(model, 'equality')
     for k in np.flatnonzero(model.eq_active0).tolist():
         kind, ends = kinds(model.eq_type[k]), [int(model.eq_obj1id[k]), int(model.eq_obj2id[k])]
         moved: set[int] = set()
@@ -217,47 +225,51 @@ def _movers(model: Any, body: int) -> set[int]:
     """Return the joints that move a body."""
     found: set[int] = set()
     while body:
-        first = model.body_jntadr[body]
-        found |= {*range(first, first + model.body_jntnum[body])}
+        found |= {*_joints_of(model, body)}
         body = model.body_parentid[body]
     return found
+
+
+def _joints_of(model: Any, body: int) -> range:
+    first = model.body_jntadr[body]
+    return range(first, first + model.body_jntnum[body])
 
 
 def _urdf(mujoco: Any, model: Any) -> str:
     if not model.njnt:
         raise ValueError('this model of MuJoCo has no joint')
-    bodies, joints, sites = (_names(model, kind) for kind in ('body', 'jnt', 'site'))
+    bodies, joints, sites = (_names(model, kind) for kind in ('body', 'joint', 'site'))
     taken, connections = {*bodies}, {*joints}
     free, (follow, coupled) = _free(model), _equalities(mujoco, model)
-    root = ElementTree.Element('robot', name=_text_at(model, 0))
+    root = ElementTree.Element('robot', name=model.names.split(b'\0', 1)[0].decode())
     _add(root, 'link', name=bodies[0])
     # The link of each body, '' for none, and its frame in the body's.
     links, at = [bodies[0]], [np.zeros(3)]
     for i in range(1, model.nbody):
         parent = model.body_parentid[i]
-        if i in free or not links[parent]:
+        link, frame = links[parent], np.zeros(3)
+        if i in free or not link:
             links.append('')
-            at.append(np.zeros(3))
+            at.append(frame)
             continue
-        link, here = links[parent], model.body_pos[i] - at[parent]
-        R, frame = _rotation(model.body_quat[i]), np.zeros(3)
-        own = range(model.body_jntadr[i], model.body_jntadr[i] + model.body_jntnum[i])
+        R, here = _rotation(model.body_quat[i]), model.body_pos[i] - at[parent]
+        own = _joints_of(model, i)
         for j in own:
-            last = j == own[-1]
-            name = bodies[i] if last else _new(f'{bodies[i]}_{joints[j]}', taken)
-            if not last:
-                _add_body(root, name, 0.0, np.zeros(3), np.zeros((3, 3)))
+            name = bodies[i]
+            if j != own[-1]:
+                name = _new(f'{bodies[i]}_{joints[j]}', taken)
+                add_link(root, name, (0.0, np.zeros(3), np.zeros((3, 3))))
             # The first joint turns the body, the next ones only lie elsewhere.
-            offset = R @ model.jnt_pos[j] if j == own[0] else model.jnt_pos[j] - frame
-            origin = (R, here + offset) if j == own[0] else (np.eye(3), offset)
+            origin = np.eye(3), model.jnt_pos[j] - frame
+            if j == own[0]:
+                origin = R, here + R @ model.jnt_pos[j]
             joint = _add_joint(
                 root, model, j, joints[j], (link, name), origin, _effort(mujoco, model, j)
             )
             if j in follow:
-                leader = {'joint': joints[model.eq_obj2id[follow[j]]]}
                 offset, factor = model.eq_data[follow[j], :2]
-                rule = leader | all_written({'multiplier': factor, 'offset': offset})
-                _add(joint, 'mimic', rule)
+                rule = all_written({'multiplier': factor, 'offset': offset})
+                _add(joint, 'mimic', {'joint': joints[model.eq_obj2id[follow[j]]], **rule})
             if j in coupled:
                 _add(joint, EQUALITY, name=coupled[j])
             link, frame = name, model.jnt_pos[j].copy()
@@ -268,28 +280,17 @@ def _urdf(mujoco: Any, model: Any) -> str:
         at.append(frame)
         turn = _rotation(model.body_iquat[i])
         inertia = turn @ np.diag(model.body_inertia[i]) @ turn.T
-        _add_body(root, bodies[i], model.body_mass[i], model.body_ipos[i] - frame, inertia)
+        add_link(root, bodies[i], (model.body_mass[i], model.body_ipos[i] - frame, inertia))
     for k, site in enumerate(sites):
         body = model.site_bodyid[k]
-        if not links[body]:
-            continue
-        name = _new(site, taken)
-        _add(root, 'link', name=name)
-        place = _rotation(model.site_quat[k]), model.site_pos[k] - at[body]
-        connection = _new(f'{name}_site', connections)
-        add_connection(root, connection, 'fixed', links[body], name, place)
+        if links[body]:
+            name = _new(site, taken)
+            _add(root, 'link', name=name)
+            place = _rotation(model.site_quat[k]), model.site_pos[k] - at[body]
+            connection = _new(f'{name}_site', connections)
+            add_connection(root, connection, 'fixed', links[body], name, place)
     ElementTree.indent(root)
     return f'<?xml version="1.0"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
-
-
-def _add_body(
-    root: ElementTree.Element, name: str, mass: float, centre: Array, inertia: Array
-) -> None:
-    inertial = _add(_add(root, 'link', name=name), 'inertial')
-    _add(inertial, 'origin', xyz=written(centre), rpy='0 0 0')
-    _add(inertial, 'mass', value=written([mass]))
-    elements = {key: inertia[ELEMENTS[key[1:]]] for key in INERTIA_KEYS}
-    _add(inertial, 'inertia', all_written(elements))
 
 
 def _add_joint(
@@ -357,15 +358,9 @@ def _effort(mujoco: Any, model: Any, j: int) -> float:
 
 def _names(model: Any, kind: str) -> list[str]:
     """Return the names of all elements of a kind; those without one are numbered."""
-    found = [_text_at(model, at) for at in getattr(model, f'name_{kind}adr')]
+    found = [getattr(model, kind)(k).name for k in range(getattr(model, COUNTS[kind]))]
     taken = {*found}
-    word = {'jnt': 'joint', 'eq': 'equality'}.get(kind, kind)
-    return [name or _new(f'{word}{k}', taken) for k, name in enumerate(found)]
-
-
-def _text_at(model: Any, at: int) -> str:
-    text: str = model.names[at:].split(b'\0', 1)[0].decode()
-    return text
+    return [name or _new(f'{kind}{k}', taken) for k, name in enumerate(found)]
 
 
 def _new(name: str, taken: set[str]) -> str:
@@ -377,7 +372,7 @@ def _new(name: str, taken: set[str]) -> str:
 
 
 def _rotation(quaternion: Array) -> Array:
-    """Return the rotation of a unit quaternion w, x, y, z."""
+    """Return the rotation of a quaternion w, x, y, z."""
     w, x, y, z = quaternion / np.linalg.norm(quaternion)
     return np.array(
         [

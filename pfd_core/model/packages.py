@@ -1,12 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Folders of ROS packages, installed or in a checkout.
+Folders of ROS packages, wherever a package may be.
 
-An installation is asked first: the prefixes of AMENT_PREFIX_PATH. Without one a package is where
-its package.xml is, in a folder above a file that names it, or beside the package of that file.
-Then the folders of ROS_PACKAGE_PATH count, those that pip makes (example-robot-data), and the
-cache of the package robot_descriptions.
+In this order: of AMENT_PREFIX_PATH, above a file that names the package, beside the package of
+that file, of pip (example-robot-data), of ROS_PACKAGE_PATH, of the cache of robot_descriptions.
 """
 
 from __future__ import annotations
@@ -32,52 +30,52 @@ def find_package(name: str, folder: str | os.PathLike[str] | None = None) -> Pat
     """
     Return the folder of a ROS package that a file in `folder` names; None if there is none.
 
-    Without a folder it is an installed one, or one of ROS_PACKAGE_PATH or of a cache.
-
-    Of several packages of that name the nearest one counts. ValueError if the name is no name of
-    a folder, or `folder` is no path.
+    Without a folder it is an installed one, or one of ROS_PACKAGE_PATH or of a cache. Of several
+    packages of that name the nearest one counts. ValueError if the name is no name of a folder, or
+    `folder` is no path.
     """
     if not isinstance(name, str) or name in ('', '.', '..') or not {'/', '\0'}.isdisjoint(name):
         raise ValueError(f'name must be the name of a package, got {quote(name)}')
     if not (folder is None or isinstance(folder, (str, os.PathLike))):
         raise ValueError(f'folder must be a path, got {quote(folder)}')
-    places = (_in_prefixes(name, _paths('AMENT_PREFIX_PATH')), _around(name, folder))
-    for found in chain(*places, _in_prefixes(name, _pip_prefixes()), _downloaded(name)):
-        return found
-    return None
+
+    def shared(prefixes: Iterable[Path]) -> Iterator[Path]:
+        return (prefix.absolute() / 'share' / name for prefix in prefixes)
+
+    def named(packages: Iterable[Path]) -> Iterator[Path]:
+        return (package for package in packages if _name(package) == name)
+
+    installed, pip = _paths('AMENT_PREFIX_PATH'), (Path(at, PIP_PREFIX) for at in sys.path)
+    places = shared(installed), named(_around(folder)), shared(pip), named(_downloaded())
+    return next(filter(_is_package, chain(*places)), None)
 
 
-def _in_prefixes(name: str, prefixes: Iterable[Path]) -> Iterator[Path]:
-    shares = (prefix / 'share' / name for prefix in prefixes)
-    return (share for share in shares if (share / MANIFEST).is_file())
-
-
-def _around(name: str, folder: str | os.PathLike[str] | None) -> Iterator[Path]:
-    """Yield the packages of a name above a folder, and beside the package of the folder."""
+def _around(folder: str | os.PathLike[str] | None) -> Iterator[Path]:
+    """Yield the packages above a folder, and beside the package of the folder."""
     if folder is None:
         return
     start = Path(folder).absolute()
-    above = [at for at in (start, *start.parents) if (at / MANIFEST).is_file()]
+    above = [at for at in (start, *start.parents) if _is_package(at)]
+    yield from above
     # Beside a package: its checkout, and the folder of the checkout.
     start = above[0].parent if above else start
-    around = (found for root in (start, start.parent) for found in _below(root))
-    yield from (found for found in chain(above, around) if _name(found) == name)
+    for root in (start, start.parent):
+        yield from _below(root)
 
 
-def _downloaded(name: str) -> Iterator[Path]:
-    cache = Path(os.environ.get(CACHE_VARIABLE) or CACHE).expanduser().absolute()
+def _downloaded() -> Iterator[Path]:
+    cache = Path(os.environ.get(CACHE_VARIABLE) or CACHE).expanduser()
     for root in (*_paths('ROS_PACKAGE_PATH'), cache):
-        at = (root,) if (root / MANIFEST).is_file() else _below(root)
-        yield from (found for found in at if _name(found) == name)
-
-
-def _pip_prefixes() -> Iterator[Path]:
-    return (Path(folder, PIP_PREFIX).absolute() for folder in sys.path)
+        yield from [root.absolute()] if _is_package(root) else _below(root.absolute())
 
 
 def _paths(variable: str) -> list[Path]:
     """Return the folders of an environment variable."""
-    return [Path(p).absolute() for p in os.environ.get(variable, '').split(os.pathsep) if p]
+    return [Path(path) for path in os.environ.get(variable, '').split(os.pathsep) if path]
+
+
+def _is_package(folder: Path) -> bool:
+    return (folder / MANIFEST).is_file()
 
 
 def _below(root: Path) -> Iterator[Path]:
@@ -86,7 +84,7 @@ def _below(root: Path) -> Iterator[Path]:
     for _ in range(DEEPEST):
         inner = [folder for at in level for folder in _folders(at)][:left]
         left -= len(inner)
-        packages = [folder for folder in inner if (folder / MANIFEST).is_file()]
+        packages = [*filter(_is_package, inner)]
         yield from packages
         level = [folder for folder in inner if folder not in {*packages}]
 

@@ -3,8 +3,8 @@
 """
 Plant: a scene and a robot as numbers, which an algorithm records as a program.
 
-Most effects are torques at an instant, in pfd_core.dynamics (drives, joint_torques). Dry
-friction, stops and the lag of motors act over a step of time, in pfd_core.simulation.
+Most effects are torques at an instant, in pfd_core.dynamics (drives, joint_torques); dry friction,
+stops and the lag of motors act over a step of time, in pfd_core.simulation.
 """
 
 from __future__ import annotations
@@ -168,19 +168,18 @@ def resolve(
         key: arms[key] if key in arms else item.resolved(robot, getattr(scene, key))
         for key, item in FIELDS.items()
     }
-    gravity = np.zeros(3) if scene.gravity is None else np.asarray(scene.gravity)
-    gravity = np.array(arms.get('gravity', gravity))
+    given = np.zeros(3) if scene.gravity is None else scene.gravity
+    gravity = np.array(arms.get('gravity', given), dtype=float)
     to_frame_0 = robot.base_rotation.T
     if turned(robot):
         to_frame_0 = product(to_frame_0, robot.root_rotation.T)
     effects: dict[str, Array | None] = {}
     for effect in EFFECTS:
         effects |= effect.numbers(robot, values)
+    rows = [product(to_frame_0, g) for g in gravity.reshape(-1, 3)]
     plant = Plant(
         robot=with_payload(robot, scene.payload) if isinstance(scene.payload, Payload) else robot,
-        gravity=np.array([product(to_frame_0, g) for g in gravity.reshape(-1, 3)]).reshape(
-            gravity.shape
-        ),
+        gravity=np.array(rows).reshape(gravity.shape),
         external_wrench=scene.external_wrench,
         brakes=scene.brakes,
         gravity_compensation=_compensation(robot, scene),
@@ -190,17 +189,12 @@ def resolve(
 
 
 def _without_compensated_gravity(plant: Plant) -> Plant:
-    """
-    Return a plant without gravity if its drives take exactly that away.
-
-    Not where limits or friction depend on the torques of the motors.
-    """
+    """Return a plant without gravity if its drives take exactly that away, at any torque."""
     model = plant.gravity_compensation
-    if model is None or plant.load_friction is not None:
+    limited = plant.load_friction is not None or _limits_motors(plant)
+    if model is None or limited or model.robot != plant.robot:
         return plant
-    if any(EFFECT_OF[name].acts == MOTORS for name in plant.effects):
-        return plant
-    if model.robot != plant.robot or (model.gravity != plant.gravity).any():
+    if (model.gravity != plant.gravity).any():
         return plant
     return replace(plant, gravity=np.zeros(3), gravity_compensation=None)
 
@@ -216,8 +210,10 @@ def _compensation(robot: Robot, scene: Scene) -> Plant | None:
 
 def has_drives(plant: Plant) -> bool:
     """Return whether motors give other torques than the commanded ones."""
-    if plant.gravity_compensation is not None:
-        return True
+    return plant.gravity_compensation is not None or _limits_motors(plant)
+
+
+def _limits_motors(plant: Plant) -> bool:
     return any(EFFECT_OF[name].acts == MOTORS for name in plant.effects)
 
 
@@ -235,8 +231,8 @@ def check_joint_inertia(plant: Plant) -> None:
     """
     Raise ValueError if a joint and all that it moves have no inertia; names link and joint.
 
-    Its element of the joint-space inertia is then zero, and the matrix singular, in all positions:
-    Izz + m (x^2 + y^2) + rotor of a joint that turns about z, m + rotor of one that slides.
+    Its element of the joint-space inertia, Izz + m (x^2 + y^2) + rotor of a joint that turns about
+    z and m + rotor of one that slides, is then zero in all positions.
     """
     robot, rotors = plant.robot, plant.inertia
     for i in reversed(range(robot.links)):

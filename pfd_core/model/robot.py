@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A serial chain in the frames of Lee and Chang (1987), checked once; payloads and locked joints.
+A serial chain in the frames of Lee and Chang (1987), checked once, and a payload at its end.
 
 Frame 0 is fixed to the base link, frame i to link i. The axis of joint i is z of frame i-1;
 the origin of frame i lies on the axis of joint i+1, and its z axis is that axis. Frame n is
@@ -13,14 +13,12 @@ the frame of the tip link. At joint position q_i, the pose of frame i in frame i
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from fnmatch import fnmatchcase
 from functools import partial
 import hashlib
-from itertools import chain
 import math
+import sys
 from types import MappingProxyType
 from typing import Any, NamedTuple
 import warnings
@@ -34,24 +32,20 @@ from pfd_core.model.geometry import (
     TRIANGLE_TOLERANCE,
     Body,
     Placement,
-    chained,
+    chain_fields,
     check_inertia,
     check_rotation,
-    inverse,
-    link_fields,
     merged,
-    product,
-    rotation_z,
-    snapped,
+    moved,
 )
 from pfd_core.model.values import (
     LARGEST,
-    MOST_NAMES,
     Array,
     FrozenArrays,
     digest_of,
     frozen,
     integer,
+    listed,
     quote,
     quote_all,
     real_array,
@@ -76,19 +70,24 @@ LIMIT_FIELDS = {
 }
 STATED = LIMIT_FIELDS | {key: key for key in ('damping', 'friction', 'armature')}
 JOINT_FIELDS = tuple(STATED.values())
-# Of a motor, limits that are numbers above 0 or infinite.
-_POSITIVE = ('velocity_limit', 'effort_limit')
-_NOT_NEGATIVE = ('masses', *JOINT_FIELDS[4:])
-# Fields that change no motion: robots that differ in these alone are equal.
-_REMARKS = ('source', 'accepted', 'snapped_joints', 'frames', 'silent')
 # Numbers of joints for which the model states none; the default of a field is none for all.
 UNSTATED = dict.fromkeys(JOINT_FIELDS, 0.0) | dict.fromkeys(LIMIT_FIELDS.values(), math.inf)
 UNSTATED['position_lower'] = -math.inf
 _SILENT: Any = object()
+# Fields that change no motion: robots that differ in these alone are equal.
+_REMARKS = ('source', 'accepted', 'snapped_joints', 'frames', 'silent')
 
 
 class PhysicsWarning(UserWarning):
     """Warning of numbers that no rigid body can have, but that can be computed with."""
+
+
+def warn(text: str) -> None:
+    """Give a PhysicsWarning, at the line that called this package."""
+    frame, level = sys._getframe(), 1
+    while frame.f_globals.get('__name__', '').startswith('pfd_core.') and frame.f_back:
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, PhysicsWarning, stacklevel=level)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +115,7 @@ class Frame(FrozenArrays):
             label = f'{key} of a frame on link {self.link}'
             numbers = real_array(label, getattr(self, key), shape=shape, largest=LARGEST)
             object.__setattr__(self, key, frozen(numbers))
-            if key == 'rotation':
-                check_rotation(label, numbers)
+        check_rotation(f'rotation of a frame on link {self.link}', self.rotation)
 
     @property
     def placement(self) -> Placement:
@@ -243,10 +241,10 @@ class Robot(FrozenArrays):
         _refuse(self, 'position_lower', crossed, 'must not exceed position_upper')
         _check_bodies(self)
         object.__setattr__(self, 'frames', _with_ends(self))
-        for key, names in silent.items():
+        for key, joints in silent.items():
             pairs = zip(self.joint_names, getattr(self, key).tolist(), strict=True)
-            silent[key] = tuple(j for j, x in pairs if j in names and x == UNSTATED[key])
-        kept = {key: names for key, names in silent.items() if names}
+            silent[key] = tuple(j for j, x in pairs if j in joints and x == UNSTATED[key])
+        kept = {key: joints for key, joints in silent.items() if joints}
         object.__setattr__(self, 'silent', MappingProxyType(kept))
         # Symmetrize to the bit.
         J = self.inertias
@@ -348,9 +346,11 @@ def unstated(robot: Robot, joint: str) -> set[str]:
     return {key for key, joints in robot.silent.items() if joint in joints}
 
 
-def stated(robot: Robot, index: int) -> dict[str, float]:
+def stated(robot: Robot, joint: str) -> dict[str, float]:
     """Return the numbers that the model states of a joint, by their names in files."""
-    silent = unstated(robot, robot.joint_names[index])
+    if joint not in robot.joint_names:  # a follower
+        return {}
+    index, silent = robot.joint_names.index(joint), unstated(robot, joint)
     keys = {name: key for name, key in STATED.items() if key not in silent}
     return {name: float(getattr(robot, key)[index]) for name, key in keys.items()}
 
@@ -390,12 +390,11 @@ def limits_text(name: str, none: Mapping[str, Sequence[str]], infinite: str) -> 
     joints = [f'{quote(joint)} ({", ".join(which)})' for joint, which in none.items() if which]
     if not joints:
         return ''
-    words = set(' '.join(chain.from_iterable(none.values())).split())
-    keys = [key for key in LIMIT_FIELDS if not words.isdisjoint((key, '<limit>'))]
+    words = {word for which in none.values() for text in which for word in text.split()}
+    keys = [key for key in LIMIT_FIELDS if words & {key, '<limit>'}]
     repair = ' '.join(infinite.format(key, '-' if key == 'lower' else '') for key in keys)
-    more = f' and {len(joints) - MOST_NAMES} more' if len(joints) > MOST_NAMES else ''
     return (
-        f'{quote(name)}: taken as unlimited: {", ".join(joints[:MOST_NAMES])}{more}. '
+        f'{quote(name)}: taken as unlimited: {listed(joints)}. '
         f'Write the true limits, or where there is none {repair}'
     )
 
@@ -411,10 +410,9 @@ def own_inertia(robot: Robot, index: int) -> float:
     if robot.movers[index].kind == 'prismatic':
         return float(robot.masses[index])
     # Frame i is fixed to link i, and the joint's axis is the z axis of frame i-1.
-    A = robot.rotations[index]
-    x, y, _ = robot.translations[index] + product(A, robot.centers[index])
-    turned = product(A, robot.inertias[index], A.T)
-    return float(turned[2, 2] + robot.masses[index] * (x * x + y * y))
+    placements, bodies = chain_of(robot)
+    mass, (x, y, _), J = moved(placements[index + 1], bodies[index])
+    return float(J[2, 2] + mass * (x * x + y * y))
 
 
 # The checks of a robot.
@@ -422,27 +420,25 @@ def own_inertia(robot: Robot, index: int) -> float:
 
 def _check_names(robot: Robot) -> None:
     for key in ('joint_names', 'joint_types', 'accepted', 'snapped_joints'):
-        value, names = getattr(robot, key), None
-        if not isinstance(value, str):
-            with suppress(TypeError):  # not iterable
-                names = tuple(value)
-        if names is None or not all(isinstance(name, str) for name in names):
+        value = getattr(robot, key)
+        names = tuple(value) if isinstance(value, Iterable) else (None,)
+        if isinstance(value, str) or not all(isinstance(name, str) for name in names):
             raise ValueError(f'{key} must be a tuple of strings, got {quote(value)}')
         object.__setattr__(robot, key, names)
-    if not isinstance(robot.name, str) or not robot.name:
-        raise ValueError(f'a robot needs a name, got {quote(robot.name)}')
-    for key in ('base', 'tip', 'source'):
+    for key in ('name', 'base', 'tip', 'source'):
         if not isinstance(getattr(robot, key), str):
             raise ValueError(f'{key} must be a string, got {quote(getattr(robot, key))}')
-    label, joints = quote(robot.name), robot.joint_names
+    label, joints, kinds = quote(robot.name), robot.joint_names, robot.joint_types
+    if not robot.name:
+        raise ValueError("a robot needs a name, got ''")
     if not joints:
         raise ValueError(f'{label} has no moving joint: joint_names is empty')
-    if len(robot.joint_types) != len(joints):
+    if len(kinds) != len(joints):
         raise ValueError(
-            f'{label}: joint_types must have {len(joints)} entries, '
-            f'one for each of joint_names, got {len(robot.joint_types)}'
+            f'{label}: joint_types must have {len(joints)} entries, one for each of joint_names, '
+            f'got {len(kinds)}'
         )
-    for name, kind in zip(joints, robot.joint_types, strict=True):
+    for name, kind in zip(joints, kinds, strict=True):
         if not name:
             raise ValueError(f"{label}: every joint needs a name, got ''")
         if joints.count(name) > 1:
@@ -458,20 +454,19 @@ def _check_followers(robot: Robot) -> None:
     if not isinstance(given, (tuple, list)) or not all(isinstance(x, Follower) for x in given):
         raise ValueError(f'{label} must be a tuple of Follower, got {quote(given)}')
     object.__setattr__(robot, 'followers', tuple(given))
-    names, links = list(robot.joint_names), list(range(1, robot.links + 1))
-    for follower in robot.followers:
+    names, links = ['', *robot.joint_names], [*range(1, robot.links + 1)]
+    for x in robot.followers:
         for key in ('multiplier', 'offset'):
-            real_number(f'{label}: {key}', getattr(follower, key), largest=LARGEST)
-        right = follower.leader in robot.joint_names and follower.kind in JOINT_TYPES
-        right = right and isinstance(follower.name, str) and follower.name not in ('', *names)
-        if not right or follower.link not in links or not follower.multiplier:
+            real_number(f'{label}: {key}', getattr(x, key), largest=LARGEST)
+        right = x.leader in robot.joint_names and x.kind in JOINT_TYPES and x.multiplier
+        if not (right and isinstance(x.name, str) and x.name not in names and x.link in links):
             raise ValueError(
                 f'{label} must have names of their own, a type in {JOINT_TYPES}, a leader in '
                 f'{quote_all(robot.joint_names)}, each a link from 1 to {robot.links} and a '
-                f'multiplier other than 0, got {quote(follower)}'
+                f'multiplier other than 0, got {quote(x)}'
             )
-        names.append(follower.name)
-        links.remove(follower.link)
+        names.append(x.name)
+        links.remove(x.link)
 
 
 def _silent(robot: Robot) -> dict[str, Sequence[str]]:
@@ -497,25 +492,25 @@ def _check_numbers(robot: Robot, key: str, shape: tuple[int, ...]) -> None:
     object.__setattr__(robot, key, frozen(array))
     if key in LIMIT_FIELDS.values():
         _refuse(robot, key, np.isnan(array), 'must be a number')
-    else:
-        rule = f'must be finite and at most {LARGEST:g} in size'
-        _refuse(robot, key, ~(np.abs(array) <= LARGEST), rule)
-    if key in _NOT_NEGATIVE:
+        if not key.startswith('position'):
+            _refuse(robot, key, array <= 0, 'must be above 0, infinite for no limit')
+        return
+    rule = f'must be finite and at most {LARGEST:g} in size'
+    _refuse(robot, key, ~(np.abs(array) <= LARGEST), rule)
+    if key == 'masses' or key in JOINT_FIELDS:
         _refuse(robot, key, array < 0, 'must not be negative')
-    if key in _POSITIVE:
-        _refuse(robot, key, array <= 0, 'must be above 0, infinite for no limit')
 
 
 def _refuse(robot: Robot, key: str, wrong: NDArray[np.bool_], rule: str) -> None:
     """Raise an error that names the first joint where a rule is broken."""
     if not wrong.any():
         return
-    value, index = getattr(robot, key), int(np.argwhere(wrong)[0][0])
-    joint = ''
-    if not key.startswith(('base_', 'root_')):
+    value, joint = getattr(robot, key), ''
+    if key in LINK_FIELDS or key in JOINT_FIELDS:
         names = robot.joint_names
         if key in LINK_FIELDS:
             names = tuple(mover.name for mover in robot.movers)
+        index = int(np.argwhere(wrong)[0][0])
         value, joint = value[index], f' of joint {quote(names[index])}'
     raise ValueError(f'{quote(robot.name)}: {key}{joint} {rule}, got {quote(value.tolist())}')
 
@@ -532,12 +527,10 @@ def _check_bodies(robot: Robot) -> None:
         x, y, z = np.linalg.eigvalsh((J + J.T) / 2).tolist()
         most = (x + y) * (1 + TRIANGLE_TOLERANCE) + INERTIA_TOLERANCE * moment
         if z > most and joint not in robot.accepted:
-            warnings.warn(
+            warn(
                 f'{link_label(robot, i)}: principal moments {x:.4g}, {y:.4g}, {z:.4g} kg m^2 '
                 'break the triangle rule (no body has one above the sum of the others); '
-                'they are computed with as given',
-                PhysicsWarning,
-                stacklevel=4,
+                'they are computed with as given'
             )
 
 
@@ -556,9 +549,6 @@ def _with_ends(robot: Robot) -> Mapping[str, Frame]:
     base, tip = (Frame(link, np.eye(3), np.zeros(3)) for link in (0, n))
     # The base comes first, and a tip that is no other link's last.
     return MappingProxyType({robot.base: base, **frames, robot.base: base, robot.tip: tip})
-
-
-# Robots made from a robot: with a payload, or with locked joints.
 
 
 @dataclass(frozen=True)
@@ -599,148 +589,15 @@ def with_payload(robot: Robot, payload: Payload) -> Robot:
     check_robot(robot)
     if not isinstance(payload, Payload):
         raise ValueError(f'payload must be a Payload, got {quote(payload)}')
+    placements, bodies = chain_of(robot)
     body = payload.mass, np.asarray(payload.center), np.asarray(payload.inertia)
-    placements, bodies = _links(robot)
     bodies[-1] = merged(bodies[-1], body)
-    return replace(robot, **link_fields(placements, bodies))
+    return replace(robot, **chain_fields(placements, bodies))
 
 
-def lock(robot: Robot, positions: Mapping[str, float | None]) -> Robot:
-    """
-    Return the robot with some joints fixed and the links on either side of them welded.
-
-    `positions` maps names of joints to lock, or patterns such as 'hand_*', to positions [rad, m],
-    None for next to 0 within the limits. ValueError if a joint is unknown, a position is no
-    finite number within the limits, or no joint would move.
-    """
-    check_robot(robot)
-    limits = position_limits(robot)
-    at = locked_positions(positions, limits)
-    for name, position in at.items():
-        if name not in robot.joint_names:
-            raise ValueError(
-                f'cannot lock {quote(name)}: {quote(robot.name)} has no such joint, only '
-                f'{quote_all(robot.joint_names)}'
-            )
-        check_locked_position(name, position, *limits[name])
-    if len(at) == robot.n:
-        raise ValueError(
-            f'cannot lock all {robot.n} joints of {quote(robot.name)}; leave at least one free'
-        )
-    for name, position in at.items():
-        for follower in robot.followers:
-            if follower.leader == name:
-                x = follower.multiplier * position + follower.offset
-                robot = _lock_one(robot, follower.name, x)
-        robot = _lock_one(robot, name, position)
-    return robot
-
-
-def position_limits(robot: Robot) -> dict[str, tuple[float, float]]:
-    """Return the lower and upper position limit of each joint by name [rad, m]."""
-    ends = zip(robot.position_lower.tolist(), robot.position_upper.tolist(), strict=True)
-    return dict(zip(robot.joint_names, ends, strict=True))
-
-
-def locked_positions(
-    positions: Mapping[str, float | None], limits: Mapping[str, tuple[float, float]]
-) -> dict[str, float]:
-    """
-    Return the positions [rad, m] of locked joints as floats, by the name of the joint.
-
-    A key that is not in `limits` and has *, ? or [ is a pattern, of all names that match it; names
-    have precedence over patterns, and these over later ones. None is next to 0 within the limits.
-    ValueError for a pattern without a match.
-    """
-    if not isinstance(positions, Mapping):
-        raise ValueError(f'locked must map names of joints to positions, got {quote(positions)}')
-    given = {
-        name: x
-        if x is None
-        else real_number(f'position at which joint {quote(name)} is locked', x, largest=LARGEST)
-        for name, x in positions.items()
-    }
-    patterns = [k for k in given if isinstance(k, str) and k not in limits and set(k) & set('*?[')]
-    found = {name: x for name, x in given.items() if name not in patterns}
-    for pattern in patterns:
-        matched = [name for name in limits if fnmatchcase(name, pattern)]
-        if not matched:
-            raise ValueError(
-                f'cannot lock {quote(pattern)}: it matches no joint; joints that can be locked: '
-                f'{quote_all(limits)}'
-            )
-        found |= {name: given[pattern] for name in matched if name not in found}
-    # Without limits a name is unknown, which is for the caller to say.
-    return {
-        name: next_to_zero(*limits.get(name, (0.0, 0.0))) if x is None else x
-        for name, x in found.items()
-    }
-
-
-def next_to_zero(lower: float, upper: float) -> float:
-    """Return the position next to zero [rad, m] between two limits."""
-    return min(max(0.0, lower), upper)
-
-
-def check_locked_position(name: str, position: float, lower: float, upper: float) -> None:
-    """Raise ValueError for a position [rad, m] at which a joint cannot be locked."""
-    if not lower <= position <= upper:
-        raise ValueError(
-            f'cannot lock joint {quote(name)} at {position}: its limits are {lower} and {upper}'
-        )
-
-
-def _lock_one(robot: Robot, name: str, position: float) -> Robot:
-    """Return the robot with one joint fixed; frame i takes the place of frame i-1."""
-    placements, bodies = _links(robot)
-    names = [mover.name for mover in robot.movers]
-    index = names.index(name)
-    R, p = placements[index]
-    if robot.movers[index].kind == 'prismatic':
-        p = p + position * np.array([0.0, 0.0, 1.0])
-    else:
-        turn = snapped(rotation_z(math.cos(position), math.sin(position)))
-        R, p = product(turn, R), product(turn, p)
-    A, a = placements[index - 1] if index else (robot.base_rotation, robot.base_position)
-    before = product(A, R), a + product(A, p)
-    # Of the first link, which is welded to the base, the mass plays no part: the base is at rest.
-    weld = inverse((R, p)) if index else before
-    changed: dict[str, Any] = {}
-    if index:
-        mass, center, J = bodies[index - 1]
-        inner = mass, product(R.T, center - p), product(R.T, J, R)
-        bodies[index] = merged(inner, bodies[index])
-        placements[index] = before
-    else:
-        changed = {'base_rotation': before[0], 'base_position': before[1]}
-    for links in (placements, bodies):
-        del links[max(index - 1, 0)]
-    changed |= link_fields(placements, bodies)
-    kept = [i for i, joint in enumerate(robot.joint_names) if joint != name]
-    changed |= {key: getattr(robot, key)[kept] for key in JOINT_FIELDS}
-    for key in ('joint_names', 'joint_types'):
-        changed[key] = tuple(getattr(robot, key)[i] for i in kept)
-    changed['followers'] = tuple(
-        follower._replace(link=follower.link - (follower.link > index))
-        for follower in robot.followers
-        if follower.name != name
-    )
-    if index > 0 and name in robot.accepted:
-        changed['accepted'] = (*robot.accepted, names[index - 1])
-    # Frames of link 1 come to the base link, or, beyond the first joint, frames of the link before
-    # the joint to frame i.
-    changed['frames'] = {
-        name: Frame(
-            frame.link - (frame.link > index),
-            *(chained(weld, frame.placement) if frame.link == max(index, 1) else frame.placement),
-        )
-        for name, frame in robot.frames.items()
-    }
-    return replace(robot, **changed)
-
-
-def _links(robot: Robot) -> tuple[list[Placement], list[Body]]:
-    """Return the frames of the links, each in the one before, and their bodies."""
-    placements = list(zip(robot.rotations, robot.translations, strict=True))
+def chain_of(robot: Robot) -> tuple[list[Placement], list[Body]]:
+    """Return frames 0 to n, each in the one before, 0 in the base link, and the bodies."""
+    base = robot.base_rotation, robot.base_position
+    frames = zip(robot.rotations, robot.translations, strict=True)
     bodies = zip(robot.masses.tolist(), robot.centers, robot.inertias, strict=True)
-    return placements, list(bodies)
+    return [base, *frames], list(bodies)

@@ -3,11 +3,9 @@
 """
 Scene: the effects that act on a robot, each checked by itself; scenes as YAML.
 
-A scene fits any robot with as many joints as its arrays have; `pfd_core.model.plant.resolve`
-combines both into a Plant. The default is rigid links and gravity, nothing else.
-
-The fields belong to the records in `pfd_core.model.effects`, which check them. They are declared
-here as well, so that editors and type checkers know the arguments of Scene.
+The fields belong to the records in `pfd_core.model.effects`, which check them, and are declared
+here for editors and type checkers. `pfd_core.model.plant.resolve` makes a Plant of a scene and a
+robot with as many joints as its arrays have.
 """
 
 from __future__ import annotations
@@ -176,7 +174,7 @@ class Scene:
     def save(self, path: str | PathLike[str]) -> None:
         """Write the scene to a YAML file, which `load_scene` reads as an equal scene."""
         if not isinstance(path, (str, PathLike)):
-            raise TypeError(f'path must be a str or a PathLike, got {quote(path)}')
+            raise ValueError(f'path must be a str or a PathLike, got {quote(path)}')
         Path(path).write_text(scene_to_yaml(self), encoding='utf-8')
 
 
@@ -196,30 +194,27 @@ def by_joint(values: Mapping[str, Any]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for key, value in values.items():
         name, dot, joint = key.partition('.')
-        if not dot or name not in FIELDS or not FIELDS[name].has_numbers:
-            name = key
-        else:
+        if dot and name in FIELDS and FIELDS[name].has_numbers:
             value = {joint: value}
-        if name not in found:
-            found[name] = dict(value) if isinstance(value, Mapping) else value
-            continue
-        table = found[name]
-        if not (isinstance(table, dict) and isinstance(value, Mapping)):
-            raise ValueError(f'{name} is given for all joints and for one: use one of them')
-        for joint in value:
-            if joint in table:
-                raise ValueError(f'{name} of joint {quote(joint)} is given twice')
-        table |= value
+        else:
+            name = key
+        if name in found:
+            if not (isinstance(found[name], Mapping) and isinstance(value, Mapping)):
+                raise ValueError(f'{name} is given for all joints and for one: use one of them')
+            if twice := found[name].keys() & value.keys():
+                raise ValueError(f'{name} of joint {quote(min(twice))} is given twice')
+            value = {**found[name], **value}
+        found[name] = value
     return found
 
 
 def _compensation(value: Any) -> bool | Scene:
     """Return True, False, or the scene of a model, which has gravity and a payload only."""
     name = 'gravity_compensation'
-    if not isinstance(value, Scene):
-        if not isinstance(value, (bool, np.bool_)):
-            raise ValueError(f'{name} must be True, False or a Scene, got {quote(value)}')
+    if isinstance(value, (bool, np.bool_)):
         return bool(value)
+    if not isinstance(value, Scene):
+        raise ValueError(f'{name} must be True, False or a Scene, got {quote(value)}')
     for item in fields(value):
         if item.name not in ('gravity', 'payload') and getattr(value, item.name) != item.default:
             raise ValueError(
@@ -246,9 +241,6 @@ def given_scene(scene: Scene | None, wrench: object = None) -> Scene:
     return scene if wrench is None else replace(scene, external_wrench=True)
 
 
-# Scenes as YAML.
-
-
 def scene_to_yaml(scene: Scene) -> str:
     """Return a scene as YAML: its gravity, and the fields that differ from their defaults."""
     if not isinstance(scene, Scene):
@@ -272,8 +264,7 @@ def scene_from_yaml(text: str, source: str) -> Scene:
     """
     Return the scene of a YAML string; ValueError, which names the `source`, if it has none.
 
-    The string is a table of the fields of Scene, with WORDS, numbers and lists of numbers; a
-    `payload` may be a table of its fields, and `gravity_compensation` a table of a scene.
+    It is a table of the fields of Scene, with WORDS, numbers and lists of numbers.
     """
     document = read_yaml(text, source)
     try:
@@ -283,9 +274,9 @@ def scene_from_yaml(text: str, source: str) -> Scene:
 
 
 def _scene_of(label: str, value: Any) -> Scene:
-    given: dict[str, Any] = {}
     value = by_joint(value) if isinstance(value, Mapping) else value
-    for key, item in table(label, value, (), tuple(item.name for item in fields(Scene))).items():
+    given = dict(table(label, value, (), tuple(item.name for item in fields(Scene))))
+    for key, item in given.items():
         if key == 'payload' and isinstance(item, Mapping):
             body = table(key, item, ('mass',), ('center', 'inertia'))
             given[key] = Payload(**{k: numbers(f'payload {k}', x, _word) for k, x in body.items()})
@@ -300,9 +291,6 @@ def _scene_of(label: str, value: Any) -> Scene:
 
 def _word(label: str, text: str) -> Any:
     return WORDS[text] if text in WORDS else number_from_text(label, text, infinite=True)
-
-
-# Inputs that a scene adds at run time.
 
 
 def scene_inputs(

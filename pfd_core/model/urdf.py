@@ -20,7 +20,8 @@ from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 from pfd_core.model.geometry import angles_of_quaternion
-from pfd_core.model.robot import JOINT_TYPES, known_limits, locked_positions
+from pfd_core.model.locking import locked_positions
+from pfd_core.model.robot import JOINT_TYPES, known_limits
 from pfd_core.model.urdf_rotors import ROTORS, TRANSMISSIONS, armature_of, type_of, values_in
 from pfd_core.model.urdf_xml import (
     Place,
@@ -34,7 +35,7 @@ from pfd_core.model.urdf_xml import (
     robot_element,
     triple,
 )
-from pfd_core.model.values import quote, quote_all
+from pfd_core.model.values import listed, quote, quote_all
 
 NOT_A_CHAIN = ('floating', 'planar')
 # A limit of this size means no limit: pfd_core.model.urdf_writer has no other number for it.
@@ -215,16 +216,14 @@ def parse_urdf(text: str, source: str = 'URDF text', lines: bool = True) -> Urdf
     root = robot_element(text, source, lines)
     known = _known(root)
     turned = QUATERNIONS in known['origin']
-    links = {
-        name: _inertial(e, f'link {quote(name)}', turned)
-        for name, e in named(root, 'link').items()
-    }
+    bodies = named(root, 'link').items()
+    links = {name: _inertial(e, f'link {quote(name)}', turned) for name, e in bodies}
     if not links:
         raise error_at(root, 'the URDF has no <link>')
     joints = {name: _joint(e, name, turned) for name, e in named(root, 'joint').items()}
-    for kind, count in (('links', len(links)), ('joints', len(joints))):
-        if count > MOST_LINKS:
-            problem = f'the URDF has {count} {kind}, more than the {MOST_LINKS} supported'
+    for kind, found in (('links', links), ('joints', joints)):
+        if len(found) > MOST_LINKS:
+            problem = f'the URDF has {len(found)} {kind}, more than the {MOST_LINKS} supported'
             raise error_at(root, problem)
     _check_mimics(joints)
     misspelt, unread = _not_read(root, known)
@@ -265,10 +264,9 @@ def _not_read(
             others.setdefault((tag, name), []).append(place)
     unread = []
     for (_, name), places in others.items():
-        more = f' and {len(places) - 1} more' if len(places) > 1 else ''
         advice = f' (read in version {VERSIONS[1]})' if name == QUATERNIONS else ''
         # Without the <robot>, which all places have in common.
-        unread.append(places[0].partition('> ')[2] + more + advice)
+        unread.append(listed(places, 1).partition('> ')[2] + advice)
     return tuple(misspelt), tuple(unread)
 
 

@@ -13,7 +13,8 @@ from itertools import takewhile
 from types import MappingProxyType
 from typing import NamedTuple
 
-from pfd_core.model.robot import JOINT_TYPES, check_locked_position, next_to_zero
+from pfd_core.model.locking import check_locked_position, how_to_lock, next_to_zero
+from pfd_core.model.robot import JOINT_TYPES
 from pfd_core.model.urdf import NOT_A_CHAIN, Joint, Mimic, Urdf
 from pfd_core.model.values import MOST_NAMES, quote, quote_all
 
@@ -66,10 +67,9 @@ class Chain(NamedTuple):
     locked: Mapping[str, float]  # position [rad, m] of each joint that is locked
 
 
-def lockable(urdf: Urdf, locked: Mapping[str, float | None] | None) -> dict[str, float]:
+def lockable(urdf: Urdf, locked: Mapping[str, float | None]) -> dict[str, float]:
     """Return the positions [rad, m] of joints to lock and of joints that mimic these."""
-    given = {} if locked is None else locked
-    at = urdf.with_followers(given)
+    at = urdf.with_followers(locked)
     for name, position in at.items():
         joint = urdf.joints.get(name)
         if joint is None or joint.kind not in JOINT_TYPES:
@@ -81,7 +81,7 @@ def lockable(urdf: Urdf, locked: Mapping[str, float | None] | None) -> dict[str,
             )
         rule = joint.mimic
         # A follower may be out of its limits where its leader puts it.
-        if rule is None or at.get(rule.leader) is None or position != rule.at(at[rule.leader]):
+        if rule is None or rule.leader not in at or position != rule.at(at[rule.leader]):
             check_locked_position(name, position, *joint.bounds)
     return at
 
@@ -119,51 +119,56 @@ def find_chain(
         raise ValueError(f'no joint moves below {quote(base)} in {label}')
     before = [carriers[joint.parent] for joint in moving]
     ends = [joint for joint in moving if joint not in before]
-    chosen = _advised_tip(urdf, ends, carriers) if tip is None else tip
+    movers = {link: by for link, by in carriers.items() if by}
+    chosen = (
+        _advised_tip(urdf, [path_to(end.child, movers) for end in ends]) if tip is None else tip
+    )
     if chosen not in carriers:
         raise ValueError(f'tip {quote(chosen)} is not below base {quote(base)} in {label}')
-    chain = _way(chosen, carriers)
+    chain = path_to(chosen, movers)
     if not chain:
         raise ValueError(f'no joint moves between {quote(base)} and {quote(chosen)} in {label}')
     # Branches that follow the chain are carried; other joints that it moves are locked.
     leaders = {joint.name for joint in chain if joint.mimic is None}
     led = [j for j in moving if j in chain or ((x := rule_of(urdf, j)) and x.leader in leaders)]
-    moved = {joint.child for top in led for joint in _below(top.child, children)}
-    others = [joint for joint in moving if joint not in led and joint.child in moved]
     rest = [joint for joint in moving if joint not in led]
-    if tip is None and ends[1:] and rest:
-        # Others on the base are cut off where a tip is given, and must be locked where none is.
-        positions = _places(urdf, rest, locked, chain)
-        # Followers need no advice: they follow.
-        follow = {j.name for j in rest if j.mimic and j.mimic.leader in positions}
-        positions = {name: x for name, x in positions.items() if name not in follow}
-        others_move = [joint.name for joint in moving if joint not in rest]
-        short = _shortened([*positions], others_move)
-        many = len(positions) > MOST_NAMES
-        raise TreeError(
-            f'{label} is a tree, not a chain: it ends in joints '
-            f'{quote_all(j.name for j in ends)}; choose one end, such as tip={quote(chosen)} (and '
-            'a base, if the ends part at a link that should stand still), or lock the others, '
-            + how_to_lock(dict.fromkeys(short) if many else positions)
-            + (f': {len(positions)} joints, next to 0 within their limits' if many else ''),
-            chosen,
-            positions,
-            short,
-        )
     for joint in led:
         _check_kind(urdf, joint, leaders)
+    if tip is None and ends[1:] and rest:
+        # Others on the base are cut off where a tip is given, and must be locked where none is.
+        positions = _places(urdf, rest, locked)
+        raise _tree(urdf, chosen, ends, positions, [joint.name for joint in led])
+    moved = {joint.child for top in led for joint in _below(top.child, children)}
+    others = [joint for joint in rest if joint.child in moved]
     if others:
-        return find_chain(urdf, base, tip, {**locked, **_places(urdf, others, locked, chain)})
-    to_root: list[Joint] = []
-    link = held
-    while link in above:
-        to_root.insert(0, above[link])
-        link = above[link].parent
+        return find_chain(urdf, base, tip, {**locked, **_places(urdf, others, locked)})
     joints, ways_back = _in_series(urdf, chain, led, carriers)
     # Links that are moved by none of these joints, and are no part of the base, are excluded.
     carried = {link: by for link, by in carriers.items() if by is None or by in joints}
     below = [joint for joint in below if joint.child in carried]
+    to_root = path_to(held, above)
     return Chain(base, chosen, held, joints, ways_back, below, carried, to_root, locked)
+
+
+def _tree(
+    urdf: Urdf, tip: str, ends: list[Joint], positions: dict[str, float], moving: list[str]
+) -> TreeError:
+    # Followers need no advice: they follow.
+    rules = {name: urdf.joints[name].mimic for name in positions}
+    led = {name for name, rule in rules.items() if rule and rule.leader in positions}
+    positions = {name: x for name, x in positions.items() if name not in led}
+    short = _shortened([*positions], moving)
+    many = len(positions) > MOST_NAMES
+    return TreeError(
+        f'{quote(urdf.name)} is a tree, not a chain: it ends in joints '
+        f'{quote_all(j.name for j in ends)}; choose one end, such as tip={quote(tip)} (and '
+        'a base, if the ends part at a link that should stand still), or lock the others, '
+        + how_to_lock(dict.fromkeys(short) if many else positions)
+        + (f': {len(positions)} joints, next to 0 within their limits' if many else ''),
+        tip,
+        positions,
+        short,
+    )
 
 
 def _in_series(
@@ -244,24 +249,22 @@ def _below(link: str, children: Mapping[str, list[Joint]]) -> list[Joint]:
     return found
 
 
-def _way(link: str, carriers: Mapping[str, Joint | None]) -> list[Joint]:
-    """Return the joints that move a link, from the base on."""
-    way: list[Joint] = []
-    carrier = carriers[link]
-    while carrier is not None:
-        way.insert(0, carrier)
-        carrier = carriers[carrier.parent]
-    return way
+def path_to(link: str, above: Mapping[str, Joint]) -> list[Joint]:
+    """Return the joints above a link, from the top on, by what is next above each link."""
+    path: list[Joint] = []
+    while link in above:
+        path.insert(0, above[link])
+        link = above[link].parent
+    return path
 
 
-def _advised_tip(urdf: Urdf, ends: list[Joint], carriers: Mapping[str, Joint | None]) -> str:
+def _advised_tip(urdf: Urdf, every: list[list[Joint]]) -> str:
     """
-    Return the end of the chain of the most joints that follow none.
+    Return the end of the chain of the most joints that follow none, of several chains.
 
     Where others have as many, or follow it, it is the link on which they part if most of the
     joints are above it, as with the fingers of a hand, or else the first one, as with two arms.
     """
-    every = [_way(end.child, carriers) for end in ends]
     leaders = {
         joint.name: rule.leader for way in every for joint in way if (rule := rule_of(urdf, joint))
     }
@@ -322,14 +325,11 @@ def _refuse_unled(joints: list[Joint]) -> None:
 
 def _refuse_follower(urdf: Urdf, joint: Joint, leader: str) -> None:
     """Refuse a joint that mimics one that is not simulated, though it could move."""
-    name, led = quote(leader), quote(joint.name)
+    name, led, first = quote(leader), quote(joint.name), urdf.joints[leader]
     above = {known.child: known for known in urdf.joints.values()}
-    link = joint.parent
-    while link in above and above[link].name != leader:
-        link = above[link].parent
-    ends = f'base={quote(urdf.joints[leader].parent)}'
-    if link not in above:
-        ends = f'tip={quote(urdf.joints[leader].child)}'
+    ends = f'tip={quote(first.child)}'
+    if first in path_to(joint.parent, above):
+        ends = f'base={quote(first.parent)}'
     raise ValueError(
         f'{joint.place}: joint {led} mimics {name}, which is not on the chain: locked alone, it '
         f'would lose its motion, and the arm would be another one. Lock {name}, and {led} '
@@ -338,39 +338,29 @@ def _refuse_follower(urdf: Urdf, joint: Joint, leader: str) -> None:
     )
 
 
-def _places(
-    urdf: Urdf, joints: Iterable[Joint], locked: Mapping[str, float], chain: list[Joint]
-) -> dict[str, float]:
+def _places(urdf: Urdf, joints: Sequence[Joint], locked: Mapping[str, float]) -> dict[str, float]:
     """
     Return the positions [rad, m] of joints that are locked, besides those that are `locked`.
 
-    It is next to zero within the limits, or as the joint follows another one. ValueError if it
-    follows a joint of the chain, or cannot be locked.
+    It is next to zero within the limits, of the joint or of the one that it follows.
     """
-    moves, at = {joint.name for joint in chain}, dict(locked)
-    todo = list(joints)
-    names = [joint.name for joint in todo]
-    for joint in todo:
-        if joint.name in at:
-            continue
+    at, unled = dict(locked), []
+    for joint in joints:
         if joint.kind in NOT_A_CHAIN:
             raise ValueError(
                 f'{joint.place}: joint {quote(joint.name)}, off the chain, is {joint.kind}, which '
                 'cannot be locked: make it fixed'
             )
-        if joint.mimic is None:
-            at[joint.name] = next_to_zero(*joint.bounds)
-            continue
-        leader, rule = urdf.joints.get(joint.mimic.leader), rule_of(urdf, joint)
-        if rule is not None and leader is not None and leader.name in moves:
-            _refuse_follower(urdf, joint, rule.leader)
-        if leader is not None and leader not in todo:
-            todo.append(leader)
-    at = urdf.with_followers(at)
-    unled = [joint for joint in todo if joint.name not in at]
+        rule = rule_of(urdf, joint)
+        first = joint if rule is None else urdf.joints.get(rule.leader)
+        if first is None or first.kind not in JOINT_TYPES:
+            unled.append(joint)
+        elif first.name not in at:
+            at[first.name] = next_to_zero(*first.bounds)
     if unled:
         _refuse_unled(unled)
-    return {name: at[name] for name in names}
+    at = urdf.with_followers(at)
+    return {joint.name: at[joint.name] for joint in joints}
 
 
 def _shortened(names: Sequence[str], others: Iterable[str]) -> list[str]:
@@ -387,11 +377,3 @@ def _shortened(names: Sequence[str], others: Iterable[str]) -> list[str]:
         else:
             found.append(name)
     return [*dict.fromkeys(found)]
-
-
-def how_to_lock(positions: Mapping[str, float | None]) -> str:
-    """Return the argument that locks joints at positions."""
-    pairs = [f'{quote(name)}: {x}' for name, x in positions.items()]
-    # It can be copied, also where it is not all.
-    more = f' and so on, {len(pairs)} joints' if len(pairs) > MOST_NAMES else ''
-    return f'locked={{{", ".join(pairs[:MOST_NAMES])}}}{more}'

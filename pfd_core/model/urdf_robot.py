@@ -10,8 +10,8 @@ assumed, or that can hardly be meant is a warning.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 import math
-import warnings
 
 import numpy as np
 
@@ -24,26 +24,35 @@ from pfd_core.model.geometry import (
     check_inertia,
     inverse,
     merged,
+    moved,
     product,
     rotation_rpy,
     rotation_z,
     snapped,
     symmetric,
-    welded_frames,
+    welded_fields,
     without_residue,
 )
+from pfd_core.model.locking import how_to_lock
 from pfd_core.model.robot import (
     JOINT_TYPES,
     Follower,
     Frame,
-    PhysicsWarning,
     Robot,
     from_stated,
     limits_text,
+    warn,
 )
 from pfd_core.model.urdf import Inertial, Joint, Mimic, Origin, Urdf
-from pfd_core.model.urdf_chain import Chain, find_chain, how_to_lock, lockable, rule_of
-from pfd_core.model.values import LARGEST, MOST_NAMES, quote, quote_all, real_number
+from pfd_core.model.urdf_chain import Chain, find_chain, lockable, rule_of
+from pfd_core.model.values import (
+    LARGEST,
+    Array,
+    listed,
+    quote,
+    quote_all,
+    real_number,
+)
 
 NO_BODY: Body = (0.0, np.zeros(3), np.zeros((3, 3)))
 # A body is no larger than the arm that carries it, which the offsets of joints measure. The last
@@ -62,62 +71,61 @@ def robot_from_urdf(
     """Return the chain between two links of a URDF; arguments, errors, warnings: `load_robot`."""
     slack = real_number('right_angle', right_angle, largest=LARGEST)
     if urdf.misspelt:
-        _warn(f'{urdf.place}: not read, misspelt? {quote_all(urdf.misspelt)}')
+        warn(f'{urdf.place}: not read, misspelt? {quote_all(urdf.misspelt)}')
     if urdf.unread:
-        _warn(f'{urdf.place}: not read: {"; ".join(urdf.unread[:MOST_NAMES])}')
-    given = lockable(urdf, locked)
+        warn(f'{urdf.place}: not read: {listed(urdf.unread, comma="; ")}')
+    urdf, written = _with_right_angles(urdf, slack), urdf
+    given = lockable(urdf, {} if locked is None else locked)
     chain = find_chain(urdf, base, tip, given)
-    at = chain.locked
     _warn_of_locks(urdf, chain, given)
-    frames = _link_frames(chain, at, slack)
-    placements = _placements(chain, frames, slack)
-    above = (frame for joint in chain.above for frame in _steps(joint, at, slack))
-    root_rotation, _ = chained(AT_ORIGIN, *above, frames[chain.base])
+    frames = _link_frames(chain)
+    placements = _placements(chain, frames)
     length = max(float(np.abs(p).max()) for _, p in placements)
-    bodies = _bodies(urdf, chain, frames, length, slack)
+    above = (frame for joint in chain.above for frame in _steps(joint, chain))
+    root_rotation, _ = chained(AT_ORIGIN, *above, frames[chain.base])
+    bodies = _bodies(urdf, chain, frames, length)
     _warn_of_sizes(urdf, chain)
-    _warn_of_degrees(urdf)
+    _warn_of_degrees(written)
     joints = chain.joints
     lines = {j.name: (f'line {j.place.line}',) if j.place.line else () for j in joints}
     none = {j.name: (*j.unlimited, *lines[j.name]) for j in joints if j.unlimited}
     unlimited = limits_text(urdf.source, none, '{}="{}inf"')
     if unlimited:
-        _warn(unlimited)
+        warn(unlimited)
+    rows = {joint.name: dict(joint.limits) for joint in joints}
+    for name in rows.keys() & urdf.armature.keys():
+        rows[name]['armature'] = urdf.armature[name]
     rules = {joint.name: rule for joint in joints if (rule := rule_of(urdf, joint)) is not None}
-    rotors = {name: {'armature': inertia} for name, inertia in urdf.armature.items()}
-    rows = {joint.name: {**joint.limits, **rotors.get(joint.name, {})} for joint in joints}
     for joint in joints:
         if joint.name in rules:
             _fold(joint, rows.pop(joint.name), rules[joint.name], rows)
-    names, numbers = tuple(rows), list(rows.values())
     if rules:
         told = ', '.join(
             f'{quote(name)} with {quote(rule.leader)}'
             for name, rule in rules.items()
             if name not in chain.ways_back
         )
-        _warn(
+        warn(
             f'{urdf.place}: joints that mimic others have no motor and move with them, {told}: '
             'their limits and losses are those of the others, their efforts are not read'
         )
+    kinds = (
+        'revolute' if kind == 'continuous' and row.keys() & {'lower', 'upper'} else kind
+        for kind, row in ((urdf.joints[name].kind, row) for name, row in rows.items())
+    )
     return Robot(
         name=urdf.name,
-        joint_names=names,
-        joint_types=tuple(
-            'revolute'
-            if 'lower' in row and urdf.joints[name].kind == 'continuous'
-            else urdf.joints[name].kind
-            for name, row in rows.items()
-        ),
+        joint_names=tuple(rows),
+        joint_types=tuple(kinds),
         base=chain.base,
         tip=chain.tip,
         source=urdf.source,
         snapped_joints=tuple(
-            name for name, j in urdf.joints.items() if _snapped(j.origin, slack) != j.origin
+            name for name, j in urdf.joints.items() if j.origin != written.joints[name].origin
         ),
-        **welded_frames(placements, bodies),
+        **welded_fields(placements, bodies),
         root_rotation=root_rotation,
-        **from_stated(names, numbers),
+        **from_stated(tuple(rows), list(rows.values())),
         followers=tuple(
             Follower(joint.name, joint.kind, k, *rules[joint.name])
             for k, joint in enumerate(joints, 1)
@@ -127,29 +135,37 @@ def robot_from_urdf(
     )
 
 
-def _warn(text: str, calls: int = 3) -> None:
-    """Warn the caller of load_robot, which is so many calls away."""
-    warnings.warn(text, PhysicsWarning, stacklevel=1 + calls)
+def _with_right_angles(urdf: Urdf, slack: float) -> Urdf:
+    """Return a URDF with exact right angles for angles that are within `slack` [rad] of them."""
+
+    def exact(angle: float) -> float:
+        right = round(angle / (math.pi / 2)) * (math.pi / 2)
+        return right if abs(angle - right) <= slack else angle
+
+    def snap(origin: Origin) -> Origin:
+        roll, pitch, yaw = map(exact, origin.rpy)
+        return Origin(origin.xyz, (roll, pitch, yaw))
+
+    joints = {name: j._replace(origin=snap(j.origin)) for name, j in urdf.joints.items()}
+    links = {x: body and body._replace(origin=snap(body.origin)) for x, body in urdf.links.items()}
+    return replace(urdf, joints=joints, links=links)
 
 
 def _warn_of_locks(urdf: Urdf, chain: Chain, given: Mapping[str, float]) -> None:
     """Warn of joints that are locked though nobody asked for it, or though their leaders move."""
-    label = urdf.place
     assumed = {name: x for name, x in chain.locked.items() if name not in given}
     if assumed:
-        _warn(
-            f'{label}: joints that do not move tip {quote(chain.tip)} are locked; to choose '
-            f'where, give {how_to_lock(assumed)}',
-            calls=4,
+        warn(
+            f'{urdf.place}: joints that do not move tip {quote(chain.tip)} are locked; to choose '
+            f'where, give {how_to_lock(assumed)}'
         )
     moves = {joint.name for joint in chain.joints}
     for name in given:
         rule = urdf.joints[name].mimic
         if rule is not None and rule.leader in moves and urdf.joints[name] in chain.below:
-            _warn(
-                f'{label}: joint {quote(name)} is locked, though it mimics '
-                f'{quote(rule.leader)}, which moves: the arm lacks that motion',
-                calls=4,
+            warn(
+                f'{urdf.place}: joint {quote(name)} is locked, though it mimics '
+                f'{quote(rule.leader)}, which moves: the arm lacks that motion'
             )
 
 
@@ -158,8 +174,7 @@ def _fold(
 ) -> None:
     """Add limits and losses of a follower to those of its leader: they move together."""
     row, size = rows[rule.leader], abs(rule.multiplier)
-    bounds = numbers.get('lower', -math.inf), numbers.get('upper', math.inf)
-    lower, upper = sorted((x - rule.offset) / rule.multiplier for x in bounds)
+    lower, upper = sorted((x - rule.offset) / rule.multiplier for x in joint.bounds)
     both = max(row.get('lower', -math.inf), lower), min(row.get('upper', math.inf), upper)
     if both[0] > both[1]:
         raise ValueError(
@@ -174,68 +189,49 @@ def _fold(
             row[key] = row.get(key, 0.0) + numbers[key] * size**power
 
 
-def _snapped(origin: Origin, slack: float) -> Origin:
-    """Return a frame with exact right angles for angles that are within `slack` [rad] of them."""
-
-    def exact(angle: float) -> float:
-        right = round(angle / (math.pi / 2)) * (math.pi / 2)
-        return right if abs(angle - right) <= slack else angle
-
-    roll, pitch, yaw = map(exact, origin.rpy)
-    return Origin(origin.xyz, (roll, pitch, yaw))
+def _placed(origin: Origin) -> Placement:
+    return rotation_rpy(*origin.rpy), np.array(origin.xyz)
 
 
-def _placed(origin: Origin, slack: float) -> Placement:
-    xyz, rpy = _snapped(origin, slack)
-    return rotation_rpy(*rpy), np.array(xyz)
-
-
-def _link_frames(chain: Chain, locked: Mapping[str, float], slack: float) -> dict[str, Placement]:
+def _link_frames(chain: Chain) -> dict[str, Placement]:
     """Return the frame of each link in its moving joint's, whose z is the axis, or in `held`'s."""
     frames: dict[str, Placement] = {chain.held: AT_ORIGIN}
     for joint in chain.below:
         if joint in chain.joints:
             frames[joint.child] = snapped(axis_rotation(joint.axis).T), np.zeros(3)
         else:
-            frames[joint.child] = chained(frames[joint.parent], *_steps(joint, locked, slack))
+            frames[joint.child] = chained(frames[joint.parent], *_steps(joint, chain))
     return frames
 
 
-def _steps(joint: Joint, locked: Mapping[str, float], slack: float) -> list[Placement]:
+def _steps(joint: Joint, chain: Chain) -> list[Placement]:
     """Return the frames from the parent to the child link of a joint, at 0 if not locked."""
-    return [_placed(joint.origin, slack), _motion(joint, locked.get(joint.name, 0.0))]
-
-
-def _motion(joint: Joint, position: float) -> Placement:
-    """Return the frame of the child link of a joint at a position [rad, m], from that at zero."""
-    if joint.kind not in JOINT_TYPES:
-        return AT_ORIGIN
-    turn = axis_rotation(joint.axis)
+    position, turn = chain.locked.get(joint.name, 0.0), np.eye(3)
+    motion = AT_ORIGIN
+    if joint.kind in JOINT_TYPES:
+        turn = axis_rotation(joint.axis)
+        about_z = rotation_z(math.cos(position), math.sin(position))
+        motion = product(turn, about_z, turn.T), np.zeros(3)
     if joint.kind == 'prismatic':
-        return np.eye(3), position * turn[:, 2]
-    about_z = rotation_z(math.cos(position), math.sin(position))
-    return product(turn, about_z, turn.T), np.zeros(3)
+        motion = np.eye(3), position * turn[:, 2]
+    return [_placed(joint.origin), motion]
 
 
-def _placements(chain: Chain, frames: Mapping[str, Placement], slack: float) -> list[Placement]:
+def _placements(chain: Chain, frames: Mapping[str, Placement]) -> list[Placement]:
     """Return each joint's frame in the previous joint's frame, and the tip in the last one."""
     placements: list[Placement] = []
     branches: dict[str, Placement] = {}
-    before: Placement | None = None
+    before = frames[chain.base]
     for joint in chain.joints:
-        axis = axis_rotation(joint.axis), np.zeros(3)
         branch = chain.ways_back.get(joint.name)
+        after, at = AT_ORIGIN, (axis_rotation(joint.axis), np.zeros(3))
         if branch is None:
-            branches[joint.name] = chained(
-                frames[joint.parent], _placed(joint.origin, slack), axis
-            )
-        after = AT_ORIGIN if branch else branches[joint.name]
-        placements.append(chained(inverse(before), after) if before else after)
+            after = chained(frames[joint.parent], _placed(joint.origin), at)
+            branches[joint.name] = after
+        placements.append(chained(inverse(before), after))
         # Of a way back, the frame is where its branch leaves the link.
-        before = branches[branch.name] if branch else None
-    placements[0] = chained(inverse(frames[chain.base]), placements[0])
-    end = frames[chain.tip]
-    placements.append(chained(inverse(before), end) if before else end)
+        before = branches[branch.name] if branch else AT_ORIGIN
+    placements.append(chained(inverse(before), frames[chain.tip]))
     length = max(float(np.abs(p).max()) for _, p in placements)
     return [(R, without_residue(p, length)) for R, p in placements]
 
@@ -260,32 +256,28 @@ def _carried_frames(
 
 
 def _bodies(
-    urdf: Urdf, chain: Chain, frames: Mapping[str, Placement], length: float, slack: float
+    urdf: Urdf, chain: Chain, frames: Mapping[str, Placement], length: float
 ) -> list[Body]:
     """Return the links that each moving joint carries, welded to one body, in its frame."""
     bodies: dict[str, Body] = {}
     for link, carrier in chain.carriers.items():
         inertial = urdf.links[link]
         if carrier is not None and inertial is not None:
-            mass, center, J = _body(f'link {quote(link)}', inertial, length, slack)
-            R, p = frames[link]
-            body = mass, p + product(R, center), product(R, J, R.T)
+            body = moved(frames[link], _body(f'link {quote(link)}', inertial, length))
             bodies[carrier.name] = merged(bodies.get(carrier.name, NO_BODY), body)
     last = max((k for k, joint in enumerate(chain.joints) if joint.name in bodies), default=-1)
     found = []
     for k, joint in enumerate(chain.joints):
-        if joint.name in chain.ways_back:
-            found.append(NO_BODY)
-            continue
-        moved = f'link {quote(joint.child)}, moved by joint {quote(joint.name)}'
-        label = f'{joint.place}: {moved}, has no <inertial>'
-        if k > last and joint.mimic is None:
-            raise ValueError(f'{label}, and neither has any later link: add an <inertial>')
-        if joint.name not in bodies:
-            _warn(
+        if joint.name not in bodies and joint.name not in chain.ways_back:
+            label = (
+                f'{joint.place}: link {quote(joint.child)}, moved by joint {quote(joint.name)}, '
+                'has no <inertial>'
+            )
+            if k > last and joint.mimic is None:
+                raise ValueError(f'{label}, and neither has any later link: add an <inertial>')
+            warn(
                 f'{label}, nor has anything fixed to it: it is taken as massless. If it is meant, '
-                'give it one of mass 0',
-                calls=4,
+                'give it one of mass 0'
             )
         mass, center, J = bodies.get(joint.name, NO_BODY)
         small = float(np.abs(J).max())
@@ -310,8 +302,7 @@ def _warn_of_sizes(urdf: Urdf, chain: Chain) -> None:
         inertial = urdf.links[link]
         if carrier is None or inertial is None or not inertial.mass or not reach:
             continue
-        ixx, ixy, ixz, iyy, iyz, izz = inertial.inertia
-        moments = np.linalg.eigvalsh(symmetric(ixx, iyy, izz, ixy, iyz, ixz))
+        moments = np.linalg.eigvalsh(_inertia(inertial))
         radius = math.sqrt(max(float(moments[-1]), 0.0) / inertial.mass)
         distance = math.hypot(*inertial.origin.xyz)
         last = carrier is chain.carriers[chain.tip]
@@ -324,28 +315,24 @@ def _warn_of_sizes(urdf: Urdf, chain: Chain) -> None:
                 size = f'a radius of gyration of {radius:.3g} m'
             found.append(f'{quote(link)}{inertial.place.short} has {size}')
     if found:
-        more = f' and {len(found) - MOST_NAMES} more' if len(found) > MOST_NAMES else ''
-        _warn(
-            f'{urdf.place}: {", ".join(found[:MOST_NAMES])}{more}, where the offsets of '
-            f'all joints sum up to {reach:.3g} m: check units and frame of <inertial>',
-            calls=4,
+        warn(
+            f'{urdf.place}: {listed(found)}, where the offsets of '
+            f'all joints sum up to {reach:.3g} m: check units and frame of <inertial>'
         )
 
 
 def _warn_of_degrees(urdf: Urdf) -> None:
     """Warn of angles of more than a whole turn, which are hardly radians."""
-    places: dict[str, Joint | Inertial] = {
+    places: dict[str, Joint | Inertial | None] = {
         f'joint {quote(name)}': joint for name, joint in urdf.joints.items()
     }
-    bodies = urdf.links.items()
-    places |= {f'link {quote(name)}': body for name, body in bodies if body is not None}
+    places |= {f'link {quote(name)}': body for name, body in urdf.links.items()}
     for label, element in places.items():
-        if max(map(abs, element.origin.rpy)) > 1.001 * 2 * math.pi:
-            _warn(
+        if element and max(map(abs, element.origin.rpy)) > 1.001 * 2 * math.pi:
+            warn(
                 f'{element.place}: <origin rpy> of {label} has more than a whole turn, '
                 f'{quote(element.origin.rpy)} rad: it is taken as written. Angles of a URDF are '
-                'in radians',
-                calls=4,
+                'in radians'
             )
             return
 
@@ -356,16 +343,19 @@ def _travel(joint: Joint) -> float:
     return farthest if joint.kind == 'prismatic' and math.isfinite(farthest) else 0.0
 
 
-def _body(label: str, inertial: Inertial, length: float, slack: float) -> Body:
+def _inertia(inertial: Inertial) -> Array:
+    ixx, ixy, ixz, iyy, iyz, izz = inertial.inertia
+    return symmetric(ixx, iyy, izz, ixy, iyz, ixz)
+
+
+def _body(label: str, inertial: Inertial, length: float) -> Body:
     """Return the body of one link in the link's frame; ValueError for an impossible one."""
     if inertial.mass < 0:
         raise ValueError(
             f'{inertial.place}: <mass value> of {label} must not be negative, got '
             f'{inertial.mass} kg'
         )
-    R, center = _placed(inertial.origin, slack)
-    ixx, ixy, ixz, iyy, iyz, izz = inertial.inertia
-    J = symmetric(ixx, iyy, izz, ixy, iyz, ixz)
+    (R, center), J = _placed(inertial.origin), _inertia(inertial)
     longest = max(length, float(np.abs(center).max()))
     check_inertia(f'{inertial.place}: <inertia> of {label}', J, inertial.mass * longest**2)
     return inertial.mass, center, product(R, J, R.T)

@@ -17,12 +17,13 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 
-from pfd_core.model.geometry import Placement, chained, product
+from pfd_core.model.geometry import Body, Placement, chained, moved
 from pfd_core.model.robot import (
     LIMIT_FIELDS,
     UNSTATED,
     Follower,
     Robot,
+    chain_of,
     check_robot,
     stated,
     turned,
@@ -53,23 +54,22 @@ def robot_to_urdf(robot: Robot) -> str:
         at = robot.root_rotation, np.zeros(3)
         add_connection(root, f'{robot.base}_fixed', 'fixed', above, robot.base, at)
     # The end of each link, which is the axis of the next joint, in the link's own frame.
-    ends: list[Placement] = [(robot.base_rotation, robot.base_position)]
-    for i, mover in enumerate(robot.movers):
+    ends, bodies = chain_of(robot)
+    for mover, before, end, body in zip(robot.movers, ends, ends[1:], bodies, strict=False):
         name = f'{mover.name}_link'
         while name in robot.frames or name in names:
             name += '_'
-        _add_link(root, robot, i, name)
-        moves = add_connection(root, mover.name, mover.kind, names[-1], name, ends[-1])
+        add_link(root, name, moved(end, body))
+        moves = add_connection(root, mover.name, mover.kind, names[-1], name, before)
         _add_numbers(moves, robot, mover)
         names.append(name)
-        ends.append((robot.rotations[i], robot.translations[i]))
     for name, frame in robot.frames.items():
         if name != robot.base:
             at = chained(ends[frame.link], frame.placement) if frame.link else frame.placement
             _add(root, 'link', name=name)
             add_connection(root, f'{name}_fixed', 'fixed', names[frame.link], name, at)
-    for i, joint in enumerate(robot.joint_names):
-        if 'armature' in (numbers := stated(robot, i)):
+    for joint in robot.joint_names:
+        if 'armature' in (numbers := stated(robot, joint)):
             add_rotor(root, joint, numbers['armature'])
     ElementTree.indent(root)
     text = f'<?xml version="1.0"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
@@ -80,30 +80,30 @@ def robot_to_urdf(robot: Robot) -> str:
     return text
 
 
-def _add_link(root: ElementTree.Element, robot: Robot, i: int, name: str) -> None:
-    R, p = robot.rotations[i], robot.translations[i]
-    J = product(R, robot.inertias[i], R.T)
+def add_link(root: ElementTree.Element, name: str, body: Body) -> None:
+    """Add a link with a body in its frame."""
+    mass, center, J = body
     inertial = _add(_add(root, 'link', name=name), 'inertial')
-    _add(inertial, 'origin', xyz=written(p + product(R, robot.centers[i])), rpy='0 0 0')
-    _add(inertial, 'mass', value=written([robot.masses[i]]))
+    _add(inertial, 'origin', xyz=written(center), rpy='0 0 0')
+    _add(inertial, 'mass', value=written([mass]))
     _add(inertial, 'inertia', all_written({key: J[ELEMENTS[key[1:]]] for key in INERTIA_KEYS}))
 
 
 def _add_numbers(joint: ElementTree.Element, robot: Robot, mover: Follower) -> None:
-    kind, numbers = mover.kind, dict[str, float]()
+    numbers = stated(robot, mover.name)
     _add(joint, 'axis', xyz='0 0 1')
-    if mover.name in robot.joint_names:
-        numbers = stated(robot, robot.joint_names.index(mover.name))
-    else:
+    if mover.name not in robot.joint_names:
         rule = all_written({'multiplier': mover.multiplier, 'offset': mover.offset})
         _add(joint, 'mimic', {'joint': mover.leader, **rule})
     limits = {key: numbers.get(key, UNSTATED[field]) for key, field in LIMIT_FIELDS.items()}
-    if kind == 'continuous':
-        del limits['lower'], limits['upper']
-    if kind != 'continuous' or min(limits.values()) < math.inf:
-        for key, limit in limits.items():
-            limits[key] = min(max(limit, -LARGEST_LIMIT), LARGEST_LIMIT)
-        _add(joint, 'limit', all_written(limits))
+    if mover.kind == 'continuous':
+        if (limits['lower'], limits['upper']) == (-math.inf, math.inf):
+            del limits['lower'], limits['upper']
+        else:  # the format has no ends for it
+            joint.set('type', 'revolute')
+    if joint.get('type') != 'continuous' or min(limits.values()) < math.inf:
+        kept = {key: min(max(x, -LARGEST_LIMIT), LARGEST_LIMIT) for key, x in limits.items()}
+        _add(joint, 'limit', all_written(kept))
     losses = {key: x for key, x in numbers.items() if key in ('damping', 'friction')}
     if losses:
         _add(joint, 'dynamics', all_written(losses))

@@ -64,24 +64,26 @@ def robot_element(text: str, source: str, lines: bool) -> Element:
     def place(line: int) -> Place:
         return Place(source, before + line if lines else 0)
 
+    def braced(name: str) -> str:
+        """Return a name of a namespace as ElementTree has it."""
+        return f'{{{name}' if '}' in name else name
+
     def start(tag: str, attributes: dict[str, str]) -> None:
         nonlocal count, depth
         count, depth = count + 1, depth + 1
-        # ElementTree's way to write a name of a namespace.
-        names = {f'{{{key}' if '}' in key else key: x for key, x in attributes.items()}
-        element = builder.start(f'{{{tag}' if '}' in tag else tag, names)
+        names = {braced(key): value for key, value in attributes.items()}
+        element = builder.start(braced(tag), names)
         element.place = place(parser.CurrentLineNumber)  # type: ignore[attr-defined]
         if count > MOST_ELEMENTS:
-            raise error_at(
-                element, f'the URDF has more than the {MOST_ELEMENTS} elements supported'
-            )
+            problem = f'the URDF has more than the {MOST_ELEMENTS} elements supported'
+            raise error_at(element, problem)
         if depth > DEEPEST:
             raise error_at(element, f'the URDF has elements more than {DEEPEST} deep')
 
     def end(tag: str) -> None:
         nonlocal depth
         depth -= 1
-        builder.end(f'{{{tag}' if '}' in tag else tag)
+        builder.end(braced(tag))
 
     def refuse(*_: object) -> None:
         raise ValueError(f'{place(parser.CurrentLineNumber)}: a URDF has no <!DOCTYPE>')

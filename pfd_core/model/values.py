@@ -4,15 +4,6 @@
 Values that users give, checked: numbers, integers, names; and arrays that stay as they are.
 
 Every error names the argument, states what is expected and quotes the value.
-
-    real_array, real_number     real numbers as an array of a format and a shape, or as a float
-    number_from_text            a number from decimal digits
-    integer, switch, choice     an integer within bounds, True or False, one of some names
-    check_finite, fit_shape     the two conditions on an array that callers also check alone
-    common_shape                the batch shape of several arrays
-    quote, quote_all            values and names in errors: on one line, and cut
-    frozen, FrozenArrays        read-only arrays, and frozen dataclasses that hold them
-    digest_of                   the digest of such a dataclass
 """
 
 from __future__ import annotations
@@ -80,9 +71,13 @@ def quote(value: object) -> str:
 
 def quote_all(names: Iterable[object]) -> str:
     """Return the first MOST_NAMES names, separated by commas, and the number of the others."""
-    items = list(names)
-    more = f' and {len(items) - MOST_NAMES} more' if len(items) > MOST_NAMES else ''
-    return ', '.join(map(quote, items[:MOST_NAMES])) + more
+    return listed([*map(quote, names)])
+
+
+def listed(texts: Sequence[str], most: int = MOST_NAMES, comma: str = ', ') -> str:
+    """Return the first of some texts, and the number of the others."""
+    more = f' and {len(texts) - most} more' if len(texts) > most else ''
+    return comma.join(texts[:most]) + more
 
 
 def real_array(
@@ -189,15 +184,12 @@ def check_finite(
     rule = f'finite and at most {largest:g} in size' if bounded else 'finite'
     if infinite:
         rule = f'at most {largest:g} in size, or infinite'
-    if array.ndim == 0:
-        raise ValueError(f'{name} must be {rule}, got {array}')
-    first, *others = np.argwhere(~right).tolist()
-    named = len(joints) == array.shape[-1]
-    joint = f', joint {quote(joints[first[-1]])}' if named else ''
-    raise ValueError(
-        f'{name} must be {rule}, got {array[tuple(first)]} at index {first}{joint} '
-        f'({1 + len(others)} of {array.size} elements)'
-    )
+    wrong, place = np.argwhere(~right).tolist(), ''
+    if array.ndim:
+        named = len(joints) == array.shape[-1]
+        joint = f', joint {quote(joints[wrong[0][-1]])}' if named else ''
+        place = f' at index {wrong[0]}{joint} ({len(wrong)} of {array.size} elements)'
+    raise ValueError(f'{name} must be {rule}, got {array[tuple(wrong[0])]}{place}')
 
 
 def check_least(name: str, array: Array, least: float = 0.0, *, above: bool = False) -> None:

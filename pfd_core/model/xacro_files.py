@@ -22,7 +22,7 @@ from typing import Any
 from pfd_core.forking import no_fork
 from pfd_core.model.apart import answer_of
 from pfd_core.model.packages import find_package
-from pfd_core.model.values import quote, quote_all
+from pfd_core.model.values import listed, quote, quote_all
 
 GIVE = "give others by xacro={'NAME': VALUE}, or `pfd sim --robot FILE NAME:=VALUE`"
 # Characters of a reason, and of an argument with its value; arguments in a list.
@@ -75,8 +75,7 @@ def _listed(known: Mapping[str, str | None], reason: str = '') -> str:
     shown = [bool(value) and str(value) not in reason for value in known.values()]
     both = sorted(zip(shown, written, known, strict=True), key=lambda row: row[0])
     names = [name if len(text) > LONGEST_ARGUMENT else text for _, text, name in both]
-    more = f' and {len(names) - MOST_LISTED} more' if len(names) > MOST_LISTED else ''
-    return quote_all(names[:MOST_LISTED]) + more
+    return listed([*map(quote, names)], MOST_LISTED)
 
 
 class PackageError(Exception):

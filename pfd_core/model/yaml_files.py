@@ -42,7 +42,6 @@ from collections.abc import Callable, Mapping
 from functools import lru_cache, partial
 import re
 from typing import Any, NamedTuple
-import warnings
 
 import numpy as np
 import yaml
@@ -51,19 +50,18 @@ from pfd_core.model.geometry import (
     AT_ORIGIN,
     Body,
     Placement,
+    chain_fields,
+    composed,
     cos_sin_degrees,
-    link_fields,
-    product,
     rotation_x,
     rotation_z,
     symmetric,
-    welded_frames,
+    welded_fields,
 )
 from pfd_core.model.robot import (
     LIMIT_FIELDS,
     Follower,
     Frame,
-    PhysicsWarning,
     Robot,
     check_robot,
     from_stated,
@@ -71,6 +69,7 @@ from pfd_core.model.robot import (
     limits_text,
     stated,
     turned,
+    warn,
 )
 from pfd_core.model.values import Array, number_from_text, quote, real_array, real_number, switch
 
@@ -204,12 +203,10 @@ def robot_to_yaml(robot: Robot, *, frames: bool = False) -> str:
             'center': robot.centers[i].tolist(),
             'inertia': {key: float(robot.inertias[i][at]) for key, at in ELEMENTS.items()},
         }
-        if mover.name in robot.joint_names:
-            given = stated(robot, robot.joint_names.index(mover.name))
-            limits = {key: given.pop(key) for key in LIMIT_FIELDS if key in given}
-            joint |= {'limits': limits} if limits else {}
-            joint |= given
-        else:
+        given = stated(robot, mover.name)
+        limits = {key: given.pop(key) for key in LIMIT_FIELDS if key in given}
+        joint |= ({'limits': limits} if limits else {}) | given
+        if mover.name not in robot.joint_names:
             rule = {'multiplier': mover.multiplier, 'offset': mover.offset}
             joint['follows'] = {'joint': mover.leader, **rule}
         if mover.name in robot.accepted:
@@ -245,15 +242,15 @@ def robot_from_yaml(text: str, source: str) -> Robot:
     name, rows = document['robot'], document['joints']
     if not isinstance(rows, list):
         raise ValueError(f'joints of {quote(name)} must be a list, got {quote(rows)}')
-    joints = [_joint(i, row) for i, row in enumerate(rows)]
+    joints = [_joint(i, row) for i, row in enumerate(rows, 1)]
     own = [joint for joint in joints if joint.follows is None]
     names = tuple(joint.name for joint in own)
-    given_base: Any = document.get('base', 'base')
+    ends: Any = document.get('base', 'base')
     root = np.eye(3)
-    if isinstance(given_base, Mapping) and 'root_rotation' in given_base:
-        given_base = {**given_base}
-        root = _array('root_rotation in base', given_base.pop('root_rotation'), (3, 3))
-    (base, first), (tip, last) = _end('base', given_base), _end('tip', document.get('tip', 'tip'))
+    if isinstance(ends, Mapping) and 'root_rotation' in ends:
+        ends = {**ends}
+        root = _array('root_rotation in base', ends.pop('root_rotation'), (3, 3))
+    (base, first), (tip, last) = _end('base', ends), _end('tip', document.get('tip', 'tip'))
     further = document.get('frames', {})
     if not isinstance(further, Mapping):
         raise ValueError(f'frames must be a table of frames by name, got {quote(further)}')
@@ -277,7 +274,7 @@ def robot_from_yaml(text: str, source: str) -> Robot:
     )
     unlimited = limits_text(name, {j.name: j.unlimited for j in joints}, '{}: {}.inf')
     if unlimited:
-        warnings.warn(unlimited, PhysicsWarning, stacklevel=3)
+        warn(unlimited)
     return robot
 
 
@@ -292,23 +289,20 @@ def _chain(
     name: str, joints: list[Joint], base: Placement | None, tip: Placement | None
 ) -> dict[str, Any]:
     """Return the fields of `Robot` for frames, masses, centres and inertias."""
-    ways = {joint.way for joint in joints}
+    ways = sorted({joint.way for joint in joints})
     if len(ways) > 1:
-        raise ValueError(
-            f'joints of {quote(name)} must all be placed the same way, got {sorted(ways)}'
-        )
-    R0, p0 = base or AT_ORIGIN
+        raise ValueError(f'joints of {quote(name)} must all be placed the same way, got {ways}')
     frames, bodies = [joint.frame for joint in joints], [joint.body for joint in joints]
-    if ways == {'modified_dh'}:
-        R, p = frames[0]
-        first = (product(R0, R), p0 + product(R0, p))
-        return welded_frames([first, *frames[1:], tip or AT_ORIGIN], bodies)
+    start = base or AT_ORIGIN
+    if ways == ['modified_dh']:
+        first, *others = frames
+        return welded_fields([composed(start, first), *others, tip or AT_ORIGIN], bodies)
     if tip is not None:
         raise ValueError(
             f'tip of {quote(name)} must be the name of a link: its position is given by the '
-            f"last joint's {next(iter(ways), 'frame')}"
+            f"last joint's {(*ways, 'frame')[0]}"
         )
-    return link_fields(frames, bodies) | {'base_rotation': R0, 'base_position': p0}
+    return chain_fields([start, *frames], bodies)
 
 
 class Joint(NamedTuple):
@@ -325,17 +319,14 @@ class Joint(NamedTuple):
     follows: tuple[str, float, float] | None  # leader, multiplier and offset
 
 
-def _joint(index: int, row: Any) -> Joint:
-    name = row.get('name', f'number {index + 1}') if isinstance(row, Mapping) else index + 1
+def _joint(number: int, row: Any) -> Joint:
+    name = row.get('name', f'number {number}') if isinstance(row, Mapping) else number
     label = f'joint {quote(name)}'
-    keys = ('name', 'type', 'mass')
-    row = table(label, row, keys, (*OPTIONAL, 'accept_unphysical_inertia'))
+    row = table(label, row, ('name', 'type', 'mass'), (*OPTIONAL, 'accept_unphysical_inertia'))
     ways = [key for key in PLACED_BY if key in row]
     if len(ways) != 1:
         raise ValueError(f'{label} must have exactly one of {", ".join(PLACED_BY)}, got {ways}')
-    limits = table(f'limits of {label}', row.get('limits', {}), (), tuple(LIMIT_FIELDS))
-    inertia = table(f'inertia of {label}', row.get('inertia', {}), (), tuple(ELEMENTS))
-    elements = [_number(f'inertia {k} of {label}', inertia.get(k, '0')) for k in ELEMENTS]
+    inertia = _numbers('inertia', label, row, tuple(ELEMENTS))
     accepted = row.get('accept_unphysical_inertia', 'false')
     if accepted not in ('true', 'True', 'false', 'False'):
         raise ValueError(
@@ -343,20 +334,28 @@ def _joint(index: int, row: Any) -> Joint:
         )
     mass = _number(f'mass of {label}', row['mass'])
     center = _array(f'center of {label}', row.get('center', ['0'] * 3), (3,))
-    limit = partial(number_from_text, infinite=True)
-    limited = {k: _number(f'limit {k} of {label}', x, limit) for k, x in limits.items()}
-    known, unlimited = known_limits(limited)
+    known, unlimited = known_limits(_numbers('limits', label, row, tuple(LIMIT_FIELDS)))
     return Joint(
         row['name'],
         row['type'],
         ways[0],
         _placed(label, ways[0], row[ways[0]]),
-        (mass, center, symmetric(*elements)),
+        (mass, center, symmetric(*(inertia.get(key, 0.0) for key in ELEMENTS))),
         known | _losses(label, row),
         unlimited,
         accepted in ('true', 'True'),
         _follows(label, row),
     )
+
+
+def _numbers(
+    part: str, label: str, row: Mapping[str, Any], known: tuple[str, ...]
+) -> dict[str, float]:
+    """Return a table of numbers in the row of a joint, {} without one; limits may be infinite."""
+    place = f'{part} of {label}'
+    read = partial(number_from_text, infinite=part == 'limits')
+    items = table(place, row.get(part, {}), (), known).items()
+    return {key: _number(f'{key} in {place}', value, read) for key, value in items}
 
 
 def _follows(label: str, row: Mapping[str, Any]) -> tuple[str, float, float] | None:
@@ -376,12 +375,9 @@ def _placed(label: str, way: str, value: Any) -> Placement:
     if way == 'frame':
         return _placement(place, table(place, value, FRAME, ()))
     row = {k: _number(f'{k} in {place}', v) for k, v in table(place, value, ROW, ()).items()}
-    turn = rotation_z(*cos_sin_degrees(row['theta_deg']))
-    twist = rotation_x(*cos_sin_degrees(row['alpha_deg']))
-    along_x, along_z = np.array([row['a'], 0.0, 0.0]), np.array([0.0, 0.0, row['d']])
-    if way == 'dh':
-        return product(turn, twist), along_z + product(turn, along_x)
-    return product(twist, turn), along_x + product(twist, along_z)
+    about_z = rotation_z(*cos_sin_degrees(row['theta_deg'])), np.array([0.0, 0.0, row['d']])
+    about_x = rotation_x(*cos_sin_degrees(row['alpha_deg'])), np.array([row['a'], 0.0, 0.0])
+    return composed(about_z, about_x) if way == 'dh' else composed(about_x, about_z)
 
 
 def _losses(label: str, row: Mapping[str, Any]) -> dict[str, float]:

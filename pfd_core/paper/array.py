@@ -58,7 +58,7 @@ from pfd_core.dynamics.interface import program_with_outputs
 from pfd_core.machine.lanes import merge, on, sqrt, where
 from pfd_core.machine.program import Instruction, Program, Steps
 from pfd_core.machine.recorder import Lanes
-from pfd_core.model import Plant
+from pfd_core.model.plant import Plant
 from pfd_core.paper import networks
 from pfd_core.paper.composite import inertia_matrix
 from pfd_core.paper.lanes import gather

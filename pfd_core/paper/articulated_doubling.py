@@ -82,7 +82,8 @@ from pfd_core.machine.vectors import (
     symmetric_matrix,
     upper,
 )
-from pfd_core.model import Plant, Robot
+from pfd_core.model.plant import Plant
+from pfd_core.model.robot import Robot
 from pfd_core.paper.chain import Chain, link_parameters, rows
 from pfd_core.paper.composite import about_point
 from pfd_core.paper.constraint_forces import T, joint_motion, ordered

@@ -35,8 +35,9 @@ from pfd_core.dynamics.interface import input_row
 from pfd_core.machine.lanes import cos, merge, on, sin
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import UPPER, array, constants, rotated_symmetric
-from pfd_core.model import Plant, Robot
 from pfd_core.model.geometry import product
+from pfd_core.model.plant import Plant
+from pfd_core.model.robot import Robot
 from pfd_core.model.values import Array
 from pfd_core.paper import first_level, patterns
 from pfd_core.paper.editions import OURS, Edition

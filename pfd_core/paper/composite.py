@@ -85,7 +85,7 @@ from pfd_core.machine.vectors import (
     symmetric_matrix,
     symmetric_times,
 )
-from pfd_core.model import Plant, check_instant
+from pfd_core.model.plant import Plant, check_instant
 from pfd_core.paper.chain import Chain, chain_on_lanes, gravity_torques
 from pfd_core.paper.editions import (
     A_3,

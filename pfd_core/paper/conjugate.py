@@ -45,7 +45,7 @@ from pfd_core.machine.iteration import TOLERANCE, iterate, leave_the_last
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes
-from pfd_core.model import Plant
+from pfd_core.model.plant import Plant
 from pfd_core.paper.editions import OURS, STEP_4, STEP_7, STEP_16, Edition, edition_of
 from pfd_core.paper.lanes import broadcast
 from pfd_core.paper.newton_euler import forward_equations, inertia_times

@@ -74,7 +74,7 @@ from pfd_core.machine.vectors import (
     symmetric_product,
     upper,
 )
-from pfd_core.model import Plant
+from pfd_core.model.plant import Plant
 from pfd_core.paper.chain import Chain, link_parameters, rows
 from pfd_core.paper.lanes import shift
 from pfd_core.paper.newton_euler import forward_equations

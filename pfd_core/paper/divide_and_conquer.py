@@ -80,8 +80,8 @@ from pfd_core.machine.vectors import (
     symmetric_times,
     upper,
 )
-from pfd_core.model import Plant, Robot
-from pfd_core.model.robot import own_inertia
+from pfd_core.model.plant import Plant
+from pfd_core.model.robot import Robot, own_inertia
 from pfd_core.paper.chain import Chain
 from pfd_core.paper.composite import about_point
 from pfd_core.paper.lanes import broadcast, packed, taken

@@ -22,8 +22,10 @@ from pfd_core.forking import no_fork
 from pfd_core.machine.emulator import run
 from pfd_core.machine.iteration import TOLERANCES
 from pfd_core.machine.program import Program, Steps
-from pfd_core.model import Plant, Robot, Scene, check_instant, given_scene, resolve, scene_inputs
 from pfd_core.model.effects import INPUT
+from pfd_core.model.plant import Plant, check_instant, resolve
+from pfd_core.model.robot import Robot
+from pfd_core.model.scene import Scene, given_scene, scene_inputs
 from pfd_core.model.values import DTYPES, Array, choice, common_shape, integer, quote, real_array
 from pfd_core.paper import networks
 from pfd_core.paper.array import SECTION, STREAMS, solve_cycles, solve_steps, stream_steps

@@ -55,7 +55,7 @@ from pfd_core.machine.lanes import merge, on
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes
 from pfd_core.machine.vectors import array, constants, cross, dot, symmetric_times
-from pfd_core.model import Plant, check_instant
+from pfd_core.model.plant import Plant, check_instant
 from pfd_core.model.values import Array
 from pfd_core.paper.chain import Chain, chain_on_lanes, gravity_torques
 from pfd_core.paper.editions import CORRECTED, OURS, Edition

@@ -41,7 +41,7 @@ from pfd_core.kernels.simulations import StepCode
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Recorder
-from pfd_core.model import Plant
+from pfd_core.model.plant import Plant
 from pfd_core.simulation.dry import Law, has_contact, read, rests, single
 from pfd_core.simulation.embedded_pairs import PAIRS, ROWS, EmbeddedPair
 from pfd_core.simulation.flags import any_of, both, either, negated, sign_of

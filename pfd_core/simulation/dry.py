@@ -44,7 +44,7 @@ from pfd_core.kernels.simulate import UNFINISHED
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.model import Plant, has_drives
+from pfd_core.model.plant import Plant, has_drives
 from pfd_core.simulation.flags import any_of, both, either, largest, negated, sign_of
 
 Row = list[Lanes]

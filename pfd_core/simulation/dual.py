@@ -32,7 +32,7 @@ from pfd_core.kernels.tangents import HAPPENED, DualScript, of
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Recorder
-from pfd_core.model import Plant
+from pfd_core.model.plant import Plant
 from pfd_core.simulation.dry import Law, read, single
 from pfd_core.simulation.flags import any_of, both, either, negated
 from pfd_core.simulation.native import EventWriter, step_code

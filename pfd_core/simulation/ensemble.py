@@ -31,8 +31,9 @@ from pfd_core.kernels.native import simd_width
 from pfd_core.kernels.simulate import REPORT, UNFINISHED
 from pfd_core.kernels.simulations import NativeSteps
 from pfd_core.kernels.threads import thread_count
-from pfd_core.model import Robot, Scene, given_scene
 from pfd_core.model.effects import INPUT
+from pfd_core.model.robot import Robot
+from pfd_core.model.scene import Scene, given_scene
 from pfd_core.model.values import LARGEST_INTEGER, Array, fit_shape, integer, real_array
 from pfd_core.simulation.feedback import (
     Feedback,

@@ -34,7 +34,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.kernels.tangents import compile_tangents
-from pfd_core.model import Robot, Scene, resolve, scene_inputs
+from pfd_core.model.plant import resolve
+from pfd_core.model.robot import Robot
+from pfd_core.model.scene import Scene, scene_inputs
 from pfd_core.model.values import Array, real_array
 from pfd_core.simulation.dry import Law, has_contact
 from pfd_core.simulation.dual import CONSTANT, PLAIN, dual_step

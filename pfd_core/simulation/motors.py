@@ -28,7 +28,7 @@ from pfd_core.dynamics.actuators import (
 from pfd_core.forking import cached_property
 from pfd_core.kernels.simulate import MOTION
 from pfd_core.kernels.simulations import NativeSteps, Plan
-from pfd_core.model import Payload
+from pfd_core.model.robot import Payload
 from pfd_core.model.values import Array, quote, real_array
 from pfd_core.simulation.simulator import Simulator
 from pfd_core.simulation.state import SimulationState, native_rows

@@ -35,7 +35,7 @@ from pfd_core.kernels.script import Frame, Script, procedure
 from pfd_core.kernels.simulate import LOW_POSITION, MOTOR_TORQUE, UNFINISHED, Steps, evaluations
 from pfd_core.kernels.simulations import StepCode
 from pfd_core.machine.program import Program
-from pfd_core.model import Plant
+from pfd_core.model.plant import Plant
 from pfd_core.simulation import box, dry, search
 from pfd_core.simulation.dry import Law
 from pfd_core.simulation.stages import Segment

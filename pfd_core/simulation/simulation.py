@@ -23,19 +23,11 @@ from pfd_core.kernels.simulations import NativeSteps, Plan, compile_steps
 from pfd_core.kernels.spec import STEP, KernelSpec
 from pfd_core.kernels.threads import address, block_size, run
 from pfd_core.machine.program import Program
-from pfd_core.model import (
-    PhysicsWarning,
-    Plant,
-    Robot,
-    Scene,
-    check_joint_inertia,
-    given_scene,
-    outside_stops,
-    resolve,
-    scene_inputs,
-    start_within,
-)
 from pfd_core.model.effects import INPUT
+from pfd_core.model.plant import Plant, check_joint_inertia, resolve
+from pfd_core.model.robot import PhysicsWarning, Robot
+from pfd_core.model.scene import Scene, given_scene, scene_inputs
+from pfd_core.model.stops import outside_stops, start_within
 from pfd_core.model.values import (
     DTYPES,
     Array,

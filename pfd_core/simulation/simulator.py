@@ -25,8 +25,9 @@ from pfd_core.dynamics.bodies import payload_inputs, payload_numbers
 from pfd_core.forking import cached_property
 from pfd_core.kernels.simulate import MOTION, MOTOR_TORQUE
 from pfd_core.kernels.simulations import NativeSteps, Plan, table_row
-from pfd_core.model import Payload, check_joint_inertia, resolve
 from pfd_core.model.effects import INPUT
+from pfd_core.model.plant import check_joint_inertia, resolve
+from pfd_core.model.robot import Payload
 from pfd_core.model.values import Array, quote, real_array
 from pfd_core.simulation.simulation import Simulation
 from pfd_core.simulation.state import SimulationState, native_rows

@@ -38,7 +38,7 @@ from pfd_core.kernels.simulate import LOW_POSITION, MOTOR_TORQUE
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.model import Plant
+from pfd_core.model.plant import Plant
 from pfd_core.simulation.tableaux import IMEX_FIRST, Tableau
 
 Row = list[Lanes]

@@ -18,7 +18,7 @@ import numpy as np
 
 from pfd_core.dynamics.numbers import PARAMETERS
 from pfd_core.kernels.simulations import Plan, Row, table_row
-from pfd_core.model import Robot
+from pfd_core.model.robot import Robot
 from pfd_core.model.values import Array, check_finite
 
 # Name in native code of an array with another name here: recorded states have a payload.

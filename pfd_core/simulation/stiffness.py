@@ -23,9 +23,9 @@ import numpy as np
 from pfd_core.dynamics.joint_torques import record_joint_torques
 from pfd_core.machine.derivative import directional
 from pfd_core.machine.emulator import run
-from pfd_core.model import EFFECTS, Plant, Robot
-from pfd_core.model.effects import JOINTS
-from pfd_core.model.robot import spread
+from pfd_core.model.effects import EFFECTS, JOINTS
+from pfd_core.model.plant import Plant
+from pfd_core.model.robot import Robot, spread
 from pfd_core.model.values import Array, choice
 from pfd_core.simulation.tableaux import TABLEAUX
 

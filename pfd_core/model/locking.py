@@ -1,0 +1,166 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Locked joints: the positions that a user gives for them, and a robot without them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from fnmatch import fnmatchcase
+import math
+
+import numpy as np
+
+from pfd_core.model.geometry import (
+    Placement,
+    chain_fields,
+    chained,
+    composed,
+    inverse,
+    merged,
+    product,
+    rotation_z,
+    seen_in,
+    snapped,
+)
+from pfd_core.model.robot import JOINT_FIELDS, Frame, Robot, chain_of, check_robot
+from pfd_core.model.values import LARGEST, MOST_NAMES, quote, quote_all, real_number
+
+
+def lock(robot: Robot, positions: Mapping[str, float | None]) -> Robot:
+    """
+    Return the robot with some joints fixed and the links on either side of them welded.
+
+    `positions` maps names of joints to lock, or patterns such as 'hand_*', to positions [rad, m],
+    None for next to 0 within the limits. ValueError if a joint is unknown, a position is no
+    finite number within the limits, or no joint would move.
+    """
+    at = locks(robot, positions)
+    return _without(robot, at) if at else robot
+
+
+def locks(robot: Robot, positions: Mapping[str, float | None]) -> dict[str, float]:
+    """Return the positions [rad, m] of the joints that `lock` fixes, checked, by name."""
+    check_robot(robot)
+    ends = zip(robot.position_lower.tolist(), robot.position_upper.tolist(), strict=True)
+    limits = dict(zip(robot.joint_names, ends, strict=True))
+    at = locked_positions(positions, limits)
+    for name, position in at.items():
+        if name not in limits:
+            raise ValueError(
+                f'cannot lock {quote(name)}: {quote(robot.name)} has no such joint, only '
+                f'{quote_all(limits)}'
+            )
+        check_locked_position(name, position, *limits[name])
+    if len(at) == robot.n:
+        raise ValueError(
+            f'cannot lock all {robot.n} joints of {quote(robot.name)}; leave at least one free'
+        )
+    return at
+
+
+def _without(robot: Robot, at: Mapping[str, float]) -> Robot:
+    """Return the robot with joints fixed: the frame beyond such a joint replaces the last one."""
+    (base, *frames), bodies = chain_of(robot)
+    on: list[dict[str, Placement]] = [{} for _ in (base, *frames)]
+    for name, frame in robot.frames.items():
+        on[frame.link][name] = frame.placement
+    # What is left: frames, bodies, the names of what moves them, and the frames on base and links.
+    chain, left, names, carried = [base], bodies[:0], list[str](), on[:1]
+    accepted = list(robot.accepted)
+    for mover, (R, p), body, own in zip(robot.movers, frames, bodies, on[1:], strict=True):
+        if mover.leader not in at:
+            chain.append((R, p))
+            left.append(body)
+            names.append(mover.name)
+            carried.append(own)
+            continue
+        position = mover.multiplier * at[mover.leader] + mover.offset
+        if mover.kind == 'prismatic':
+            p = p + position * np.array([0.0, 0.0, 1.0])
+        else:
+            turn = snapped(rotation_z(math.cos(position), math.sin(position)))
+            R, p = product(turn, R), product(turn, p)
+        chain[-1] = composed(chain[-1], (R, p))
+        if not left:
+            # The base is at rest, so that the mass plays no part; its frames are in its own frame.
+            carried[0] |= {name: chained(chain[0], x) for name, x in own.items()}
+            continue
+        weld = inverse((R, p))
+        carried[-1] = {name: chained(weld, x) for name, x in carried[-1].items()} | own
+        mass, center, J = merged(seen_in((R, p), left[-1]), body)
+        # Symmetric as in a Robot: joints locked one by one give the same bits.
+        left[-1] = mass, center, (J + J.T) / 2
+        if mover.name in robot.accepted:
+            accepted.append(names[-1])
+    kept = [i for i, joint in enumerate(robot.joint_names) if joint not in at]
+    placed = {name: Frame(k, *x) for k, group in enumerate(carried) for name, x in group.items()}
+    return replace(
+        robot,
+        **chain_fields(chain, left),
+        **{key: getattr(robot, key)[kept] for key in JOINT_FIELDS},
+        joint_names=tuple(robot.joint_names[i] for i in kept),
+        joint_types=tuple(robot.joint_types[i] for i in kept),
+        followers=tuple(
+            follower._replace(link=1 + names.index(follower.name))
+            for follower in robot.followers
+            if follower.leader not in at
+        ),
+        accepted=tuple(accepted),
+        frames={name: placed[name] for name in robot.frames},
+    )
+
+
+def locked_positions(
+    positions: Mapping[str, float | None], limits: Mapping[str, tuple[float, float]]
+) -> dict[str, float]:
+    """
+    Return the positions [rad, m] of locked joints as floats, by the name of the joint.
+
+    A key that is not in `limits` and has *, ? or [ is a pattern, of all names that match it; names
+    have precedence over patterns, and these over later ones. None is next to 0 within the limits.
+    ValueError for a pattern without a match.
+    """
+    if not isinstance(positions, Mapping):
+        raise ValueError(f'locked must map names of joints to positions, got {quote(positions)}')
+    given = dict(positions)
+    for name, x in given.items():
+        if x is not None:
+            label = f'position at which joint {quote(name)} is locked'
+            given[name] = real_number(label, x, largest=LARGEST)
+    patterns = [k for k in given if isinstance(k, str) and k not in limits and set(k) & set('*?[')]
+    found = {name: x for name, x in given.items() if name not in patterns}
+    for pattern in patterns:
+        matched = [name for name in limits if fnmatchcase(name, pattern)]
+        if not matched:
+            raise ValueError(
+                f'cannot lock {quote(pattern)}: it matches no joint; joints that can be locked: '
+                f'{quote_all(limits)}'
+            )
+        found |= {name: given[pattern] for name in matched if name not in found}
+    # Without limits a name is unknown, which is for the caller to say.
+    return {
+        name: next_to_zero(*limits.get(name, (0.0, 0.0))) if x is None else x
+        for name, x in found.items()
+    }
+
+
+def next_to_zero(lower: float, upper: float) -> float:
+    """Return the position next to zero [rad, m] between two limits."""
+    return min(max(0.0, lower), upper)
+
+
+def check_locked_position(name: str, position: float, lower: float, upper: float) -> None:
+    """Raise ValueError for a position [rad, m] at which a joint cannot be locked."""
+    if not lower <= position <= upper:
+        raise ValueError(
+            f'cannot lock joint {quote(name)} at {position}: its limits are {lower} and {upper}'
+        )
+
+
+def how_to_lock(positions: Mapping[str, float | None]) -> str:
+    """Return the argument that locks joints at positions."""
+    pairs = [f'{quote(name)}: {x}' for name, x in positions.items()]
+    # It can be copied, also where it is not all.
+    more = f' and so on, {len(pairs)} joints' if len(pairs) > MOST_NAMES else ''
+    return f'locked={{{", ".join(pairs[:MOST_NAMES])}}}{more}'

@@ -177,12 +177,16 @@ def resolve(
     for effect in EFFECTS:
         effects |= effect.numbers(robot, values)
     rows = [product(to_frame_0, g) for g in gravity.reshape(-1, 3)]
+    model, compensation = scene.gravity_compensation, None
+    if model is not False:
+        model = model if isinstance(model, Scene) else Scene(gravity=scene.gravity)
+        compensation = resolve(robot, model)
     plant = Plant(
         robot=with_payload(robot, scene.payload) if isinstance(scene.payload, Payload) else robot,
         gravity=np.array(rows).reshape(gravity.shape),
         external_wrench=scene.external_wrench,
         brakes=scene.brakes,
-        gravity_compensation=_compensation(robot, scene),
+        gravity_compensation=compensation if compensation and compensation.gravity.any() else None,
         effects={key: array for key, array in effects.items() if array is not None},
     )
     return plant if scene.payload == INPUT else _without_compensated_gravity(plant)
@@ -197,15 +201,6 @@ def _without_compensated_gravity(plant: Plant) -> Plant:
     if (model.gravity != plant.gravity).any():
         return plant
     return replace(plant, gravity=np.zeros(3), gravity_compensation=None)
-
-
-def _compensation(robot: Robot, scene: Scene) -> Plant | None:
-    """Return the plant whose gravity torques the drives add; None for no torques."""
-    model = scene.gravity_compensation
-    if model is False:
-        return None
-    plant = resolve(robot, model if isinstance(model, Scene) else Scene(gravity=scene.gravity))
-    return plant if plant.gravity.any() else None
 
 
 def has_drives(plant: Plant) -> bool:

@@ -13,7 +13,8 @@ the frame of the tip link. At joint position q_i, the pose of frame i in frame i
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 import hashlib
@@ -420,9 +421,11 @@ def own_inertia(robot: Robot, index: int) -> float:
 
 def _check_names(robot: Robot) -> None:
     for key in ('joint_names', 'joint_types', 'accepted', 'snapped_joints'):
-        value = getattr(robot, key)
-        names = tuple(value) if isinstance(value, Iterable) else (None,)
-        if isinstance(value, str) or not all(isinstance(name, str) for name in names):
+        value, names = getattr(robot, key), None
+        if not isinstance(value, str):
+            with suppress(TypeError):  # not iterable
+                names = tuple(value)
+        if names is None or not all(isinstance(name, str) for name in names):
             raise ValueError(f'{key} must be a tuple of strings, got {quote(value)}')
         object.__setattr__(robot, key, names)
     for key in ('name', 'base', 'tip', 'source'):

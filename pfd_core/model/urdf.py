@@ -214,8 +214,12 @@ def parse_urdf(text: str, source: str = 'URDF text', lines: bool = True) -> Urdf
     with source and line, but without a line for expanded xacro, which has other lines.
     """
     root = robot_element(text, source, lines)
-    known = _known(root)
-    turned = QUATERNIONS in known['origin']
+    version = root.get('version', VERSIONS[0])
+    if version not in VERSIONS:
+        problem = f'must be one of {", ".join(VERSIONS)}, got {quote(version)}'
+        raise error_at(root, f'<robot version> {problem}')
+    turned = version != VERSIONS[0]
+    known = {**KNOWN, 'origin': (*KNOWN['origin'], QUATERNIONS)} if turned else KNOWN
     bodies = named(root, 'link').items()
     links = {name: _inertial(e, f'link {quote(name)}', turned) for name, e in bodies}
     if not links:
@@ -237,18 +241,6 @@ def parse_urdf(text: str, source: str = 'URDF text', lines: bool = True) -> Urdf
         misspelt=misspelt,
         unread=unread,
     )
-
-
-def _known(root: Element) -> Mapping[str, tuple[str, ...]]:
-    """Return the names that are read in the version of the format that a file states."""
-    version = root.get('version', VERSIONS[0])
-    if version not in VERSIONS:
-        raise error_at(
-            root, f'<robot version> must be one of {", ".join(VERSIONS)}, got {quote(version)}'
-        )
-    if version == VERSIONS[0]:
-        return KNOWN
-    return {**KNOWN, 'origin': (*KNOWN['origin'], QUATERNIONS)}
 
 
 def _not_read(

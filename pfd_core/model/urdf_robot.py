@@ -292,7 +292,10 @@ def _warn_of_sizes(urdf: Urdf, chain: Chain) -> None:
     A centre is also no farther than what is beyond its joint and half of the arm: of 286 published
     URDFs this holds for all but 16, which have centres in the frame of the base.
     """
-    sizes = {j.name: math.hypot(*j.origin.xyz) + _travel(j) for j in urdf.joints.values()}
+    sizes = {name: math.hypot(*joint.origin.xyz) for name, joint in urdf.joints.items()}
+    for name, joint in urdf.joints.items():
+        if joint.kind == 'prismatic' and math.isfinite(farthest := max(map(abs, joint.bounds))):
+            sizes[name] += farthest
     reach = sum(sizes.values())
     beyond = dict.fromkeys(chain.carriers, 0.0)
     for joint in reversed(chain.below):
@@ -335,12 +338,6 @@ def _warn_of_degrees(urdf: Urdf) -> None:
                 'in radians'
             )
             return
-
-
-def _travel(joint: Joint) -> float:
-    """Return the farthest that a joint slides [m], 0 without a limit."""
-    farthest = max(map(abs, joint.bounds))
-    return farthest if joint.kind == 'prismatic' and math.isfinite(farthest) else 0.0
 
 
 def _inertia(inertial: Inertial) -> Array:

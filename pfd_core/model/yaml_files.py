@@ -332,6 +332,16 @@ def _joint(number: int, row: Any) -> Joint:
         raise ValueError(
             f'accept_unphysical_inertia of {label} must be true or false, got {quote(accepted)}'
         )
+    follows: tuple[str, float, float] | None = None
+    if 'follows' in row:
+        place, given = f'follows of {label}', [key for key in OF_MOTORS if key in row]
+        if given:
+            raise ValueError(
+                f'{label} follows another one, which must have its {", ".join(given)}'
+            )
+        rule = table(place, row['follows'], ('joint',), ('multiplier', 'offset'))
+        multiplier = _number(place, rule.get('multiplier', '1'))
+        follows = rule['joint'], multiplier, _number(place, rule.get('offset', '0'))
     mass = _number(f'mass of {label}', row['mass'])
     center = _array(f'center of {label}', row.get('center', ['0'] * 3), (3,))
     known, unlimited = known_limits(_numbers('limits', label, row, tuple(LIMIT_FIELDS)))
@@ -344,7 +354,7 @@ def _joint(number: int, row: Any) -> Joint:
         known | _losses(label, row),
         unlimited,
         accepted in ('true', 'True'),
-        _follows(label, row),
+        follows,
     )
 
 
@@ -356,17 +366,6 @@ def _numbers(
     read = partial(number_from_text, infinite=part == 'limits')
     items = table(place, row.get(part, {}), (), known).items()
     return {key: _number(f'{key} in {place}', value, read) for key, value in items}
-
-
-def _follows(label: str, row: Mapping[str, Any]) -> tuple[str, float, float] | None:
-    if 'follows' not in row:
-        return None
-    place, given = f'follows of {label}', [key for key in OF_MOTORS if key in row]
-    if given:
-        raise ValueError(f'{label} follows another one, which must have its {", ".join(given)}')
-    rule = table(place, row['follows'], ('joint',), ('multiplier', 'offset'))
-    multiplier, offset = rule.get('multiplier', '1'), rule.get('offset', '0')
-    return rule['joint'], _number(place, multiplier), _number(place, offset)
 
 
 def _placed(label: str, way: str, value: Any) -> Placement:

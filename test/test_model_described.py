@@ -103,6 +103,25 @@ def test_a_described_robot_is_the_file_of_its_package_with_its_own_numbers(
     assert '"package://bench_description/a.stl"' in pfd.urdf_of(BENCH)
 
 
+@pytest.mark.parametrize(
+    ('rows', 'lower', 'upper'),
+    [
+        ('{lower: [-2, -3]}', [-2, -3], [2, np.inf]),
+        ('{lower: [-2, -3], upper: [1, 3]}', [-2, -3], [1, 3]),
+        ('{upper: [1, .inf]}', [-1, -np.inf], [1, np.inf]),
+    ],
+)
+def test_a_range_that_is_given_to_a_continuous_joint_is_its_range(
+    installed: Path, rows: str, lower: list[float], upper: list[float]
+) -> None:
+    before, elbow = XACRO.split('<joint name="elbow" type="revolute">')
+    text = f'{before}<joint name="elbow" type="continuous">{elbow}'
+    (installed / 'urdf/bench.urdf.xacro').write_text(text)
+    robot = pfd.load_robot(f'{BENCH}numbers: {rows}')
+    assert robot.position_lower.tolist() == lower
+    assert robot.position_upper.tolist() == upper
+
+
 def test_each_way_to_read_a_described_robot_gives_the_same_one(
     installed: Path, tmp_path: Path
 ) -> None:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
+import math
 from pathlib import Path
 import re
 from typing import NamedTuple
@@ -31,6 +32,8 @@ from pfd_core.model.urdf_writer import add_rotor, all_written
 from pfd_core.model.values import number_from_text, quote, real_array
 from pfd_core.model.yaml_files import numbers, read_yaml, table
 
+# Ends of the range of a joint without one.
+ENDS = {'lower': -math.inf, 'upper': math.inf}
 KEYS, SUFFIXES = ('package', 'path', 'tip'), ('.urdf', '.xacro', '.xml')
 
 
@@ -104,6 +107,11 @@ def with_numbers(urdf: Urdf, found: Description, text: str, source: str) -> str:
             if element is None:
                 element = ElementTree.SubElement(elements[joint], tag)
             element.attrib.update(all_written({key: value}))
+            turning = elements[joint].get('type') == 'continuous'
+            if key in ENDS and turning and math.isfinite(value):
+                # It has no range in a URDF, whose reader would ignore these numbers.
+                elements[joint].set('type', 'revolute')
+                element.attrib.update(all_written(ENDS | {key: value}))
     for mesh in root.iter('mesh'):
         path = re.sub('^file:/*', '/', mesh.get('filename', ''))
         if path.startswith(f'{found.folder}/'):

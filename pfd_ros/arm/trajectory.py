@@ -4,9 +4,9 @@
 
 Points are as joint_trajectory_controller of ros2_control takes them. Between positions the target
 moves linearly, with velocities by a cubic, with accelerations too by a quintic; efforts are
-linear, and are fed forward. From the state at its start the arm moves to the first point, and it
-holds the last point until another command. Positions are targets of the servos, so these need
-gains; efforts alone need none.
+linear, and are fed forward. From the state at its start the arm moves to the first point,
+continuous joints by half a turn at most, and it holds the last point until another command.
+Positions are targets of the servos, so these need gains; efforts alone need none.
 
 A sample is a command like any other: delay, drop-out, limits and reflexes act on it, and the
 watchdog rests. In lockstep the arm waits for no answer before the last point. The next command or
@@ -30,6 +30,7 @@ from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.trajectory import decode_trajectory
 from pfd_ros.text import cut, listed
 
+TURN = 2.0 * np.pi
 # A start farther ahead is on another clock, ns.
 FAR_AHEAD_NS = 3600 * NANOSECONDS
 
@@ -130,6 +131,11 @@ def _follow(
     """Take over a trajectory, from the state that the joints have now."""
     state, now = arm.state, arm.stamp_ns
     end(state)
+    if 'positions' in values:
+        turns = np.round((state.rows[state.now, 0, joints] - values['positions'][0]) / TURN)
+        endless = [arm.robot.joint_types[k] == 'continuous' for k in joints]
+        near = values['positions'] + TURN * np.where(endless, turns, 0.0)
+        values = values | {'positions': near}
     if now < times[0]:
         row, times = state.rows[state.now][:, joints], np.append(now, times)
         first = {

@@ -625,6 +625,17 @@ def test_the_arm_moves_from_its_state_to_the_first_point_and_holds_the_last() ->
     assert [x.position.tolist() for x in later] == [x.position.tolist() for x in near]
 
 
+def test_continuous_joints_take_the_short_way_to_the_first_point_and_others_do_not() -> None:
+    # As wraparound_joint in trajectory.cpp of joint_trajectory_controller.
+    engine = made(**SERVO, **WEIGHTLESS, initial_positions=(6.4, -6.2))
+    plan = trajectory(NAMES, [1.0, 2.0], positions=[[0.1, 0.1], [0.2, 4.0]])
+    last = state(engine, plan, cycles=4000).position
+    np.testing.assert_allclose(last, [0.2 + 2 * np.pi, 4.0 - 2 * np.pi], rtol=0, atol=1e-6)
+    bounded = made(robot='puma560', servo_p=(9.0,) * 6, initial_positions=(0.0,) * 5 + (4.6,))
+    states(bounded, trajectory(('joint6',), [0.1], positions=[[-4.6]]), cycles=200)
+    assert bounded.state.newest[2, 5] == -4.6
+
+
 def test_efforts_are_linear_between_points_need_no_gains_and_stay() -> None:
     engine = made(**UNLIMITED)
     plan = trajectory(NAMES, [0.0, 0.004, 0.006], effort=[[1, 2], [5, 2], [0, 0]])

@@ -26,18 +26,18 @@ import pfd_core as pfd
 from pfd_ros.demo.scenario import PUSH_BEGIN, efforts, motion_of, push_force
 from pfd_ros.messages.cdr import NANOSECONDS
 
-# Simulated time between discovery of the arm and the motion.
+# Simulated time at rest between discovery of the arm and the motion, and after the motion.
 SETTLE_NS = NANOSECONDS // 2
 LONGEST_SECONDS = 1e8
 
 
 class Controller(Node):
-    """Follows the demo's motion for some seconds; `ended` is done when they are over."""
+    """Follows the demo's motion of some seconds; `ended` is done when the arm is at rest again."""
 
     def __init__(self, robot_name: str, seconds: float) -> None:
         super().__init__('demo_controller')
         self.robot = pfd.load_robot(robot_name)
-        self.motion = motion_of(self.robot)
+        self.motion = motion_of(self.robot, seconds)
         # The first call compiles the robot, which takes too long during control.
         efforts(self.robot, self.motion, 0.0, *self.motion.at(0.0)[:2])
         self.length_ns = round(seconds * NANOSECONDS)
@@ -58,7 +58,7 @@ class Controller(Node):
         passed = now - self.found_ns - SETTLE_NS
         if passed < 0 or self.ended.done():
             return
-        if passed >= self.length_ns:
+        if passed >= self.length_ns + SETTLE_NS:
             self.ended.set_result(None)
             return
         if not self.pushed and passed >= PUSH_BEGIN * self.length_ns:

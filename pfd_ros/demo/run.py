@@ -26,9 +26,10 @@ import pfd_core as pfd
 from pfd_ros.arm.events import STATES
 from pfd_ros.demo import scenario
 from pfd_ros.messages.cdr import NANOSECONDS
+from pfd_ros.page.curves import Reference, commanded_positions
 from pfd_ros.page.page import TYPES, page
+from pfd_ros.page.recorded import Recorded
 from pfd_ros.recording.arrays import LogArrays, read_log
-from pfd_ros.replay.compare import compare
 from pfd_ros.replay.verify import verify
 from pfd_ros.testing.domains import FIRST, LAST, environment, own_domain
 from pfd_ros.testing.process import ChildProcess
@@ -40,7 +41,6 @@ from pfd_ros.view.process import ViewProcess
 START_SECONDS, STOP_SECONDS, PAGE_SECONDS, POLL_SECONDS = 60.0, 20.0, 20.0, 0.05
 # The arm brakes this long after the controller ended, s; longer than delays on a busy machine.
 TIMEOUT_SECONDS = 0.5
-COMMANDS = 'joint_commands'
 # Tolerance of the mean period, relative.
 RATE_TOLERANCE = 0.01
 # Largest tracking error of a working controller, rad or m; without commands the arm falls.
@@ -88,7 +88,7 @@ def run_demo(robot_name: str, seconds: float, folder: Path, view_port: int | Non
     }
     text = yaml.safe_dump({'/**': {'ros__parameters': parameters}})
     Path(f'{base}.yaml').write_text(text, encoding='utf-8')
-    print(f'{robot_name}: arm and controller for {seconds:g} s, recorded to {base}.mcap')
+    print(f'{robot_name}: arm and controller, {seconds:g} s of motion, recorded to {base}.mcap')
     problems: list[str] = []
     # Not the domain of the environment, where an arm may be running.
     avoided = os.environ.get('ROS_DOMAIN_ID', '')
@@ -122,7 +122,7 @@ def run_demo(robot_name: str, seconds: float, folder: Path, view_port: int | Non
             problems.append(f'{view.ended()}, see {view.output}')
     if not problems:
         try:
-            problems += _results(base, robot)
+            problems += _results(base, robot, seconds)
         except (ValueError, OSError) as error:
             problems.append(str(error))
     for problem in problems:
@@ -152,7 +152,7 @@ def _show_page(view: ViewProcess, node: str) -> None:
         _wait(lambda: OPENED in view.text() or view.ended(), PAGE_SECONDS)
 
 
-def _results(base: Path, robot: pfd.Robot) -> Iterator[str]:
+def _results(base: Path, robot: pfd.Robot, seconds: float) -> Iterator[str]:
     """Print what the log shows, write its page, and yield the problems."""
     path = base.with_suffix('.mcap')
     found = verify(path)
@@ -161,24 +161,31 @@ def _results(base: Path, robot: pfd.Robot) -> Iterator[str]:
         yield 'the recording was not closed'
     log = read_log(path, types=TYPES)
     topics = {role: topic for topic, role in log.roles.items()}
-    states, commands = topics[STATES], topics[COMMANDS]
+    states = topics[STATES]
     if len(log[states]) < 2:
         yield 'the recording has no states'
         return
-    slow = _rate(log, states)
-    compared = compare(log, log, topics=(states, commands), lag=0.0)
-    errors = [item for item in compared.differences if item.field == 'position']
-    print('tracking   joint                    rms      largest')
-    for item in errors:
-        print(f'           {item.joint:18s} {item.rms:12.3e} {item.largest:12.3e}')
-    off = max((item.largest for item in errors), default=np.inf)
+    run = Recorded(log, robot)
+    begin, end = run.span
+    rest = 'at rest before and after it'
+    print(f'           {end - begin:.3f} s: {seconds:g} s of motion, {rest}')
+    slow, shown = _rate(log, states), page(log, robot=robot)
+    for heading, line in zip(['tracking', *[''] * robot.n], shown.joints, strict=False):
+        print(f'{heading:10s} {line}')
+    off = max((_error(run, item) for item in commanded_positions(run)), default=np.inf)
     if off > TRACKING_LIMIT and not slow:
         yield f'the arm was {off:.3g} off its motion, expected {TRACKING_LIMIT} at most'
-    shown = page(log, robot=robot)
     shown.write(base.with_suffix('.html'))
     yield from shown.unreadable
     print(f'page       {base}.html: {shown.said}')
     print(f'look       pfd view {path}')
+
+
+def _error(run: Recorded, reference: Reference) -> float:
+    """Return how far the joint of a reference was from it at most."""
+    (joints,), (name,) = run.joints, reference.names
+    q = joints.values['position'][:, joints.names.index(name)]
+    return float(np.nanmax(np.abs(q - reference.at(name, joints.time))))
 
 
 def _rate(log: LogArrays, topic: str) -> bool:

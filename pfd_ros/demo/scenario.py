@@ -19,7 +19,7 @@ import pfd_core as pfd
 # Largest swing in rad or m; a joint with narrow limits swings by a share of their distance.
 SWING = {'revolute': 0.5, 'continuous': 0.5, 'prismatic': 0.1}
 SHARE_OF_LIMITS = 0.4
-SLOWEST, SPREAD = 1.5, 0.25  # angular frequency of joint i: SLOWEST + i * SPREAD, rad/s
+SLOWEST, SPREAD = 1.5, 0.25  # angular frequency of joint i: about SLOWEST + i * SPREAD, rad/s
 # Critically damped, 20 rad/s: slow enough for delays of a millisecond.
 STIFFNESS, DAMPING = 400.0, 40.0  # 1/s^2, 1/s
 # Payload over the mass of the moving links: 1.2 kg on a PUMA 560.
@@ -32,18 +32,19 @@ GRAVITY = 9.81  # m/s^2
 
 @dataclass(frozen=True)
 class Motion:
-    """A swing about `start`, (n,): start + swing * sin(frequency * t)**3.
+    """A swing about `start`, (n,): start + swing * sin(frequency * t)**3, up to `seconds`.
 
-    The cube starts from rest without a jump in acceleration.
+    The cube starts from rest without a jump in acceleration. It ends so, after whole half periods.
     """
 
     start: NDArray[Any]
     swing: NDArray[Any]
     frequency: NDArray[Any]
+    seconds: float
 
     def at(self, t: float | NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         """Return position, velocity and acceleration at time t in s: (n,) or (times, n)."""
-        angle = np.multiply.outer(t, self.frequency)
+        angle = np.multiply.outer(np.minimum(t, self.seconds), self.frequency)
         s, c, a, w = np.sin(angle), np.cos(angle), self.swing, self.frequency
         return (
             self.start + a * s**3,
@@ -52,15 +53,19 @@ class Motion:
         )
 
 
-def motion_of(robot: pfd.Robot) -> Motion:
-    """Return a motion that stays within the robot's position limits."""
+def motion_of(robot: pfd.Robot, seconds: float) -> Motion:
+    """Return a motion of some seconds that stays within the robot's position limits."""
     wanted = np.array([SWING[kind] for kind in robot.joint_types])
     lower, upper = robot.position_lower, robot.position_upper
     bounded = np.isfinite(lower) & np.isfinite(upper)
     swing = wanted.copy()
     swing[bounded] = np.minimum(wanted, SHARE_OF_LIMITS * (upper - lower))[bounded]
-    start = np.clip(np.zeros(robot.n), lower + swing, upper - swing)
-    return Motion(start, swing, SLOWEST + SPREAD * np.arange(robot.n))
+    # Rounding must not take a swing beyond a limit.
+    start = np.clip(np.zeros(robot.n), lower + 1.001 * swing, upper - 1.001 * swing)
+    about = SLOWEST + SPREAD * np.arange(robot.n)
+    frequency = np.pi / seconds * np.maximum(1, np.round(about * seconds / np.pi))
+    # A faster swing is smaller, with the same accelerations.
+    return Motion(start, swing * np.minimum(1.0, about / frequency) ** 2, frequency, seconds)
 
 
 def efforts(
@@ -88,7 +93,7 @@ def parameters(robot: pfd.Robot, seconds: float) -> dict[str, Any]:
     """Return parameters of the node: the start, rotors, and what the controller does not know."""
     effects = ('friction', 'damping')
     return {
-        'initial_positions': motion_of(robot).start.tolist(),
+        'initial_positions': motion_of(robot, seconds).start.tolist(),
         'armature': 'estimated',
         **{key: len(robot.silent.get(key, ())) < robot.n for key in effects},
         'payload.mass': payload_mass(robot),

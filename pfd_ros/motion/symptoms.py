@@ -21,8 +21,9 @@ is right to half a control period, and so are the times between two of them. Eff
 their limits, so commanded efforts and measured ones give one diagnosis.
 
 A joint that follows a moving reference turns as often as the reference. It oscillates if its error
-turns more than twice as often, at a share STEADY of the speed of the reference. A joint that runs
-away from its target faster than its velocity oscillates runs away. If no target is
+turns more than twice as often and regularly, most of the times between turns from half to twice
+their median, at a share STEADY of the speed of the reference. A joint that runs away from its
+target faster than its velocity oscillates runs away. If no target is
 known, turns below REFERENCE_RATE may be those of a reference, and are no oscillation.
 """
 
@@ -186,7 +187,9 @@ class Samples:
         if self.moves:
             turned = len(turns(self.speed)) / (2 * float(self.time[-1] - self.time[0]))
             least = STEADY * np.abs(self.speed).max()
-            if found.frequency <= 2 * turned or found.amplitude <= least:
+            gaps = np.diff(self.time[turns(self.qd - self.speed)])
+            regular = np.mean(np.abs(np.log2(gaps / np.median(gaps))) < 1.0) > 0.5
+            if found.frequency <= 2 * turned or found.amplitude <= least or not regular:
                 return None
         late = self.time > self.time[-1] - 1.0 / found.frequency
         drift = float((self.qd - self.speed)[late].mean())

@@ -70,6 +70,7 @@ class Page(NamedTuple):
     said: str  # its headline on one line
     first: Finding | None  # the first finding that is more than a note
     findings: list[Finding]  # in the order of time
+    joints: list[str]  # a line on the motion of each joint
     plots: list[Plot]
     # Lines on the log, and on what cannot be read of it: then the log is not known to be good.
     notes: list[str]
@@ -142,7 +143,9 @@ def _page(run: Recorded, marks: Sequence[Moment | Reference]) -> Page:
     ):
         if holds:
             run.notes[note] = None
-    joints, limited = _symptoms(run, first, references), run.robot is not None
+    limited = run.robot is not None
+    symptoms = _symptoms(run, first, references)
+    joints = [f'{name}: {text_of(texts, limited=limited)}' for name, _, texts in symptoms]
     cards = [
         _headline(said, severity, None if run.unreadable else first, made, lacking),
         *(
@@ -151,10 +154,8 @@ def _page(run: Recorded, marks: Sequence[Moment | Reference]) -> Page:
             if m.severity == BAD
         ),
         _story(found),
+        _list('Motion of each joint', joints),
         _table('Summary', _facts(run)),
-        _list(
-            'Motion of each joint', (f'{x}: {text_of(y, limited=limited)}' for x, _, y in joints)
-        ),
         _list('On this log', run.notes),
         _table('Settings that differ from the defaults', _settings(run)),
     ]
@@ -171,7 +172,8 @@ def _page(run: Recorded, marks: Sequence[Moment | Reference]) -> Page:
         'first': None if first is None else first.time,
     }
     html = _document(run.log.path.name, ''.join(cards), data)
-    return Page(html, said, first, found, plots[:MOST_PLOTS], [*run.notes], [*run.unreadable])
+    lists = found, joints, plots[:MOST_PLOTS], [*run.notes], [*run.unreadable]
+    return Page(html, said, first, *lists)
 
 
 def _said(run: Recorded, first: Finding | None) -> tuple[str, str]:

@@ -31,22 +31,27 @@ VISIBLE, LIMIT = 1e-3, 0.1
 
 
 @pytest.mark.parametrize('name', pfd.known_robots())
-def test_the_motion_starts_at_rest_and_stays_within_the_limits(name: str) -> None:
+@pytest.mark.parametrize('seconds', [0.5, 5.0, 20.0])
+def test_the_motion_starts_and_ends_at_rest_and_stays_within_the_limits(
+    seconds: float, name: str
+) -> None:
     robot = pfd.load_robot(name)
-    motion = scenario.motion_of(robot)
-    q, qd, qdd = motion.at(0.0)
-    np.testing.assert_array_equal(q, motion.start)
-    assert not qd.any()
-    assert not qdd.any()
-    q = motion.at(np.linspace(0, 20, 20001))[0]
+    motion = scenario.motion_of(robot, seconds)
+    for t in (0.0, seconds, 2 * seconds):
+        # The sine of multiples of pi is rounded, below 1e-13 for tens of them.
+        q, qd, qdd = motion.at(t)
+        np.testing.assert_allclose(q, motion.start, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(qd, 0.0, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(qdd, 0.0, rtol=0, atol=1e-11)
+    q = motion.at(np.linspace(0, seconds, 20001))[0]
     assert (q >= robot.position_lower).all()
     assert (q <= robot.position_upper).all()
     assert (np.ptp(q, axis=0) > 0).all()
 
 
 def test_the_motion_has_the_derivatives_it_states() -> None:
-    motion, step = scenario.motion_of(pfd.load_robot('puma560')), 1e-5
-    t = np.linspace(0.1, 5, 50)
+    motion, step = scenario.motion_of(pfd.load_robot('puma560'), 5.0), 1e-5
+    t = np.linspace(0.1, 4.9, 50)
     (q0, v0, _), (_, v, a), (q1, v1, _) = (motion.at(t + k * step) for k in (-1, 0, 1))
     # Differences err by step^2 / 6 times a derivative of third or fourth order, below 1000 here.
     for low, high, rate in ((q0, q1, v), (v0, v1, a)):
@@ -56,7 +61,7 @@ def test_the_motion_has_the_derivatives_it_states() -> None:
 @pytest.mark.parametrize('name', one_fast(pfd.known_robots(), 'planar2'))
 def test_the_disturbances_are_visible_and_the_controller_rejects_them(name: str) -> None:
     robot, seconds, push = pfd.load_robot(name), 2.0, 0.5
-    motion = scenario.motion_of(robot)
+    motion = scenario.motion_of(robot, seconds)
     parameters = scenario.parameters(robot, seconds)
     settings = {key.replace('.', '_'): value for key, value in parameters.items()}
     settings = {k: tuple(v) if isinstance(v, list) else v for k, v in settings.items()}
@@ -148,10 +153,16 @@ def check_demo(folder: Path, process: subprocess.Popen[str]) -> str:
     base = folder / 'here' / 'arm_0'
     assert re.search(r'replay +\d+ cycles simulated again: every bit equal', printed)
     assert re.search(r'rate +[\d.]+ Hz of 1000 Hz', printed)
-    assert re.search(r'joint6 +\d\.\d+e-\d+ +\d\.\d+e-\d+', printed)
+    assert re.search(r'^ +[\d.]+ s: 1 s of motion, at rest before and after it$', printed, re.M)
     assert '<html' in base.with_suffix('.html').read_text(encoding='utf-8')
     assert verify_log(base.with_suffix('.mcap')).complete
+    # The terminal and the page have one line on each joint.
+    lines = re.findall(r'^(?:tracking)? +(joint\d: .*)$', printed, re.MULTILINE)
+    shown = base.with_suffix('.html').read_text(encoding='utf-8')
+    assert lines == re.findall('<li>(joint.*?)</li>', shown)
+    assert len(lines) == 6
     if not failures:
+        assert all(' rad, farthest at t = ' in line for line in lines)
         assert re.search('^page +here/arm_0.html: nothing went wrong', printed, re.MULTILINE)
         assert printed.endswith('everything worked\n')
     return printed

@@ -219,8 +219,8 @@ def written() -> list[Row]:
 
 
 @pytest.fixture(scope='module')
-def six() -> list[Row]:
-    return [row for system in (ONE, 'pcrbm') for row in recorded((system, 6))]
+def six(written: list[Row]) -> list[Row]:
+    return [row for row in written if row['n'] == 6]
 
 
 # ---- networks ----

@@ -20,7 +20,7 @@ import urllib.request
 import numpy as np
 from PIL import Image
 import pytest
-from waiting import PATIENCE, wait_until
+from ros_processes import PATIENCE, wait_until
 from websockets.sync.client import connect
 
 NAMES = ('chromium', 'chromium-browser', 'google-chrome', 'chrome')

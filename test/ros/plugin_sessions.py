@@ -12,8 +12,7 @@ import sys
 
 from forked_process import ForkedProcess, Job
 import pytest
-from ros_processes import ROOT
-from waiting import PATIENCE
+from ros_processes import PATIENCE, ROOT
 
 
 def install(folder: Path) -> None:

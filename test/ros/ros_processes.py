@@ -14,12 +14,12 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from typing import Any
 
 from forked_process import ForkedProcess, Job
 import pytest
-from waiting import PATIENCE, wait_until
 
 import pfd_core as pfd
 from pfd_ros.testing.domains import LOOPBACK as DDS_LOOPBACK
@@ -38,6 +38,30 @@ FAULTY = str(Path(__file__).with_name('faulty.py'))
 # Workers of one run have neighbouring process ids; each starts so many domains from the next one.
 APART = 13
 _numbers = itertools.count()
+# Longest wait for anything a process should do [s]: discovery alone may take three seconds, and
+# compiling a robot on a machine with twenty times its load some minutes. Nothing is measured
+# against it.
+PATIENCE = 240.0
+
+
+def _late() -> str:
+    threads = ', '.join(thread.name for thread in threading.enumerate())
+    return f'not within {PATIENCE:g} s; threads alive: {threads}'
+
+
+def wait_until(
+    done: Callable[[], Any], told: Callable[[], Any] = _late, pause: float = 1e-3
+) -> None:
+    """Poll every `pause` s until `done` is true; fail with the text of `told` after PATIENCE."""
+    deadline = time.monotonic() + PATIENCE
+    while not done():
+        assert time.monotonic() < deadline, told()
+        time.sleep(pause)
+
+
+def threads_named(name: str) -> list[threading.Thread]:
+    """Return the threads of this process with a name."""
+    return [thread for thread in threading.enumerate() if thread.name == name]
 
 
 def example_robot(path: str) -> Path:

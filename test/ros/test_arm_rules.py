@@ -79,11 +79,7 @@ def told(engine: Engine, *messages: ArmMessage, cycles: int = 1) -> dict[str, by
 SINCE_NS = 5_000_000_000
 FREE = {'robot': 'puma560', 'start_time': 5.0}
 # Of three joints: one with both gains, one that follows positions, one that follows velocities.
-GAINED = {
-    **FREE,
-    'servo_p': (100.0, 100.0, *[0.0] * 4),
-    'servo_d': (10.0, 0.0, 1.0, *[0.0] * 3),
-}
+GAINED = {**FREE, 'servo_p': (100.0, 100.0, *[0.0] * 4), 'servo_d': (10.0, 0.0, 1.0, *[0.0] * 3)}
 A, B, C = 'joint1', 'joint2', 'joint3'
 PLACED = {'robot': 'planar2', **START}
 PUSHED = {'robot': 'planar2', **WEIGHTLESS, 'external_wrench': True}

@@ -20,8 +20,7 @@ from arm_messages import efforts
 import numpy as np
 import pytest
 from recordings import busy, rewritten, simulate
-from ros_processes import environment
-from waiting import PATIENCE
+from ros_processes import PATIENCE, environment
 
 import pfd_core as pfd
 from pfd_ros.cli import doctor
@@ -272,10 +271,7 @@ def test_no_command_writes_over_a_file(words: str, logs, tmp_path) -> None:
         ('recover LOG', 'whole.recovered{}.mcap'),
         ('report log LOG', 'whole{}.html'),
         ('replay LOG --what-if payload.mass=1', 'whole_what_if{}.mcap'),
-        (
-            'report scene --trajectory LOG --tolerance 1e-3',
-            'scene{}.yaml',
-        ),
+        ('report scene --trajectory LOG --tolerance 1e-3', 'scene{}.yaml'),
     ],
 )
 def test_files_with_a_default_name_are_numbered(

@@ -232,11 +232,7 @@ def test_a_controller_that_fails_is_named_and_its_run_is_recorded_up_to_there(
             1,
             "is <class 'laws.Integral'>, expected a function",
         ),
-        (
-            '--what-if --controller lows:pd',
-            1,
-            "ModuleNotFoundError: .*'lows'",
-        ),
+        ('--what-if --controller lows:pd', 1, "ModuleNotFoundError: .*'lows'"),
         ('--what-if --controller wrong:pd', 1, 'SyntaxError: .*line 1'),
         ('--what-if --controller laws:pd --process x', 1, 'give one of them'),
         ('--what-if --process=', 1, "must be module:function or a process, got ''"),

@@ -16,9 +16,8 @@ from arm_messages import efforts as commanded
 from arm_messages import made, wrench
 import numpy as np
 import pytest
-from ros_processes import environment
+from ros_processes import PATIENCE, environment
 from sampling import one_fast
-from waiting import PATIENCE
 
 import pfd_core as pfd
 from pfd_ros import read_log

@@ -48,10 +48,7 @@ def block(joints: str, plugin: str = STOCK, **params: str) -> str:
 
 
 MOCK = 'mock_components/GenericSystem'
-STOCK_TOPICS = {
-    'joint_commands': '/robot_joint_commands',
-    'joint_states': '/robot_joint_states',
-}
+STOCK_TOPICS = {'joint_commands': '/robot_joint_commands', 'joint_states': '/robot_joint_states'}
 SILENT, RAGGED = '<param name="trigger_joint_command_threshold">-1</param>', 'shorter than its'
 ALWAYS = {'trigger_joint_command_threshold': '-1'}
 

@@ -19,9 +19,8 @@ from logs import STRING as STRING_TYPE
 from logs import Row, joint_state, string, write_mcap
 from plugin_sessions import run
 import pytest
-from ros_processes import HAS_ROS, ROOT
+from ros_processes import HAS_ROS, PATIENCE, ROOT
 from test_launch import Recorded, nodes, recorder  # noqa: F401, a fixture
-from waiting import PATIENCE
 import yaml
 
 import pfd_core as pfd

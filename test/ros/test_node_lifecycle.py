@@ -11,6 +11,7 @@ import gripper_arm
 import pytest
 from ros_processes import (
     JOINTS,
+    PATIENCE,
     Peer,
     Process,
     Processes,
@@ -22,7 +23,6 @@ from ros_processes import (
     transition,
 )
 from rosbags.typesys import Stores, get_typestore
-from waiting import PATIENCE
 
 from pfd_ros.recording.log import Log as RecordedLog
 from pfd_ros.replay.verify import verify as verify_log

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from ros_processes import (
     MILLISECOND,
+    PATIENCE,
     Peer,
     call,
     example_robot,
@@ -22,7 +23,6 @@ from ros_processes import (
     stamp_ns,
     trigger,
 )
-from waiting import PATIENCE
 
 import pfd_core as pfd
 from pfd_ros.messages.text_and_arrays import decode_string

@@ -17,15 +17,16 @@ from mcap.reader import make_reader
 import pytest
 from ros_processes import (
     NODE,
+    PATIENCE,
     Process,
     environment,
     in_namespaces,
     stamp_ns,
     trigger,
+    wait_until,
 )
 from rosbags.typesys import Stores, get_typestore
 from sampling import one_fast
-from waiting import PATIENCE, wait_until
 
 from pfd_ros.node.inbox import MOST_WAITING as MOST_WAITING_INPUTS
 from pfd_ros.recording.log import Log as RecordedLog

@@ -18,14 +18,15 @@ from ros_processes import (
     FAULTY,
     JOINTS,
     NODE,
+    PATIENCE,
     Process,
     environment,
     parameter,
     set_parameters,
     trigger,
+    wait_until,
 )
 from sampling import one_fast
-from waiting import PATIENCE, wait_until
 
 from pfd_ros.replay.verify import verify as verify_log
 

@@ -12,15 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from ros_processes import (
-    JOINTS,
-    MILLISECOND,
-    Peer,
-    Process,
-    Processes,
-    stamp_ns,
-    trigger,
-)
+from ros_processes import JOINTS, MILLISECOND, Peer, Process, Processes, stamp_ns, trigger
 
 from pfd_ros.arm.engine import LARGEST as LARGEST_INPUT
 from pfd_ros.arm.events import OPTIONAL as OPTIONAL_OUTPUTS

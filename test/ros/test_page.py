@@ -22,7 +22,7 @@ from logs import JOINT_STATE, STORE, STRING, Row, random_message, write_mcap
 import numpy as np
 import pytest
 from recordings import rewritten, simulate
-from waiting import wait_until
+from ros_processes import wait_until
 
 import pfd_core as pfd
 from pfd_ros import read_log

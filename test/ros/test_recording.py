@@ -21,7 +21,7 @@ from mcap.reader import make_reader
 from mcap.records import Message
 import pytest
 from recordings import NAMES, ROLES, Run, aside, busy, largest_file, simulate
-from waiting import PATIENCE, threads_named, wait_until
+from ros_processes import PATIENCE, threads_named, wait_until
 
 import pfd_core as pfd
 from pfd_ros.arm.events import Message as ArmMessage

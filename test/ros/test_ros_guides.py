@@ -20,8 +20,15 @@ import numpy as np
 from plugin_sessions import install
 import pytest
 from replicas import ControllerManager, TopicHardware
-from ros_processes import ROOT, Process, Processes, description_publisher, environment
-from waiting import PATIENCE, wait_until
+from ros_processes import (
+    PATIENCE,
+    ROOT,
+    Process,
+    Processes,
+    description_publisher,
+    environment,
+    wait_until,
+)
 import yaml
 
 import pfd_core as pfd

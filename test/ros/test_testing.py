@@ -21,9 +21,8 @@ from typing import Any
 import gripper_arm
 import numpy as np
 import pytest
-from ros_processes import ROOT, qos
+from ros_processes import PATIENCE, ROOT, qos, wait_until
 from tested_controllers import BEFORE, GOAL, command_of, faulty, node_of
-from waiting import PATIENCE, wait_until
 
 import pfd_core as pfd
 from pfd_ros.cli.main import main as pfd_main

@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 from plugin_sessions import forked_session, session
 import pytest
-from ros_processes import ROOT
-from waiting import wait_until
+from ros_processes import ROOT, wait_until
 
 from pfd_ros import read_log
 from pfd_ros.cli.main import main as pfd_main

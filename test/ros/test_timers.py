@@ -98,10 +98,7 @@ def test_a_chain_of_nodes_has_the_same_bits_wherever_each_of_them_runs(spin) -> 
 
 @pytest.mark.parametrize(
     'rates',
-    [
-        {'publish_rate': 500.0, 'clock_rate': 1000.0},
-        {'publish_rate': 1000.0, 'clock_rate': 500.0},
-    ],
+    [{'publish_rate': 500.0, 'clock_rate': 1000.0}, {'publish_rate': 1000.0, 'clock_rate': 500.0}],
     ids=['faster clock', 'faster states'],
 )
 def test_states_and_ticks_may_have_periods_of_their_own(rates: dict[str, float], domain) -> None:

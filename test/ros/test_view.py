@@ -30,7 +30,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from recordings import simulate
-from ros_processes import Process, Processes, call
+from ros_processes import PATIENCE, Process, Processes, call, wait_until
 from sampling import one_fast
 from view_models import (
     KINDS,
@@ -48,7 +48,6 @@ from view_models import (
     urdf,
     visual,
 )
-from waiting import PATIENCE, wait_until
 
 import pfd_core as pfd
 from pfd_ros import read_log

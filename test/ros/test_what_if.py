@@ -11,16 +11,7 @@ import re
 import shutil
 from typing import Any
 
-from arm_messages import (
-    UNLIMITED,
-    change,
-    efforts,
-    named,
-    placed,
-    request,
-    tick,
-    trajectory,
-)
+from arm_messages import UNLIMITED, change, efforts, named, placed, request, tick, trajectory
 from logs import Row, joint_state, string, write_mcap
 import numpy as np
 import pytest

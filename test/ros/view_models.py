@@ -20,11 +20,7 @@ PANDA = 'panda_description/urdf/panda.urdf'
 SO100 = 'so_arm_description/urdf/so100.urdf'
 WRENCH = 'geometry_msgs/msg/WrenchStamped'
 # Types of topics without joint states.
-KINDS = {
-    '/robot_description': STRING,
-    '/external_wrench': WRENCH,
-    '/ft/external_wrench': WRENCH,
-}
+KINDS = {'/robot_description': STRING, '/external_wrench': WRENCH, '/ft/external_wrench': WRENCH}
 
 
 def urdf(*visuals: str, robot: str = '') -> str:

@@ -111,6 +111,27 @@ def test_a_pause_keeps_what_is_late_and_a_rate_acts_from_now_on() -> None:
         list(schedule.step(306 * UNIT))
 
 
+def test_a_seek_sends_the_last_latched_messages_before_it_and_then_goes_on() -> None:
+    messages = log_of(range(40))
+    schedule = schedule_of(messages)
+    drain(schedule, 0)
+    # Forwards, only those that were not sent yet; two jumps before anything is due are one.
+    schedule.seek(5 * UNIT, 14 * UNIT)
+    schedule.seek(5 * UNIT, 16 * UNIT)
+    jump, *events = drain(schedule, 5 * UNIT)
+    assert jump == Jump(UNIT, 16 * UNIT, None)
+    assert sends(events) == [messages[12], messages[15], messages[16]]
+    assert [event.due_ns for event in events] == [None, None, 5 * UNIT]
+    # To the last message that was sent.
+    schedule.seek(6 * UNIT, 16 * UNIT)
+    assert sends(drain(schedule, 6 * UNIT)) == [messages[12], messages[15], messages[16]]
+    schedule.seek(6 * UNIT, 4 * UNIT)
+    jump, *events = drain(schedule, 6 * UNIT)
+    assert jump == Jump(16 * UNIT, 4 * UNIT, None)
+    assert sends(events) == [messages[0], messages[3], messages[4]]
+    assert sends(drain(schedule, 7 * UNIT)) == messages[5:6]
+
+
 def test_a_loop_begins_again_at_its_time_and_while_paused_by_a_step() -> None:
     messages = log_of(range(4))
     schedule = schedule_of(messages, loop=True)

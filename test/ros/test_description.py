@@ -247,6 +247,12 @@ def test_altered_descriptions_are_read_or_refused_with_a_reason(text: str) -> No
     assert 'ros2_control:=false' in reason
 
 
+@pytest.mark.parametrize('text', ['puma560', '', 'a.urdf', 'name: x\n', '<robot'])
+def test_a_text_that_is_no_urdf_is_refused_with_its_label(text: str) -> None:
+    with pytest.raises(ValueError, match=r'/robot_description is not a URDF|unclosed|XML'):
+        parsed_urdf(text, '/robot_description')
+
+
 def test_the_cure_for_a_tree_locks_joints_within_their_limits() -> None:
     far = '<limit lower="0.5" upper="1" velocity="3" effort="40"/>'
     tree = urdf(

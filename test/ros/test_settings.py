@@ -24,6 +24,7 @@ from pfd_ros.arm.plant import scene_of
 from pfd_ros.arm.plant_settings import EFFECT_FIELDS as ARM_EFFECT_FIELDS
 from pfd_ros.arm.plant_settings import joint_settings
 from pfd_ros.arm.settings import FIELDS as SETTING_ROWS
+from pfd_ros.arm.settings import REMOVED as REMOVED_SETTINGS
 from pfd_ros.arm.settings import Settings, split_joints, with_joint_numbers
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config' / 'sim_arm.yaml'
@@ -61,6 +62,12 @@ def test_the_shipped_file_names_every_number_of_a_joint_with_the_units_of_the_ta
         for k, parameter in enumerate(joint_settings(field).values()):
             wanted[parameter] = field.units(k)
     assert named == wanted
+
+
+def test_parameters_that_are_gone_are_no_settings_and_say_why() -> None:
+    assert REMOVED_SETTINGS.keys() >= {'recording_max_size', 'payload_changes'}
+    assert REMOVED_SETTINGS.keys().isdisjoint(row.name for row in SETTING_ROWS)
+    assert all(REMOVED_SETTINGS.values())
 
 
 # ---- values from outside
@@ -263,6 +270,15 @@ def test_the_other_joints_keep_the_numbers_of_the_model() -> None:
     expected = robot.friction.copy()
     expected[1] = 3.0
     assert found.joint_friction == tuple(expected.tolist())
+
+
+def test_numbers_of_joints_are_in_published_order() -> None:
+    order = tuple(reversed(UR5.joint_names))
+    found = with_numbers({'joints': order, 'damping.elbow_joint': 2.0, 'stiffness': {order[0]: 5}})
+    assert found.joint_damping == (0.0, 0.0, 0.0, 2.0, 0.0, 0.0)
+    scene = scene_of(found, np.arange(6)[::-1])
+    assert np.asarray(scene.damping).tolist() == [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]
+    assert np.asarray(scene.stiffness).tolist() == [0.0, 0.0, 0.0, 0.0, 0.0, 5.0]
 
 
 def test_joints_without_static_friction_of_their_own_have_their_friction() -> None:

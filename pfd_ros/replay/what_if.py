@@ -249,8 +249,8 @@ def _replaced(engine: Engine, changes: Changes) -> tuple[str, ...]:
 def _curves(one: _States, two: _States, until: float) -> Curves:
     """Return both motions at the times of the first, up to one of them.
 
-    Between two of them efforts jump, and interpolated ones would differ. Where most times of the
-    one with fewer states are times of the other, as of a lower rate, nothing is interpolated.
+    Between two of them efforts jump, and interpolated ones would differ. Nothing is interpolated
+    where the second has a lower rate: all its times are times of the first.
     """
     found: Curves = {}
     names = [name for name in one.found.names if name in two.found.names]
@@ -261,10 +261,9 @@ def _curves(one: _States, two: _States, until: float) -> Curves:
     for item in JOINT_FIELDS:
         for name, (left, right) in tracks.items():
             (times, *values), _ = aligned(left, right, item)
-            common = np.isin(times, left.time)
-            both = common & np.isin(times, right.time)
-            most = 2 * both.sum() >= min(len(left.time), len(right.time))
-            chosen = (both if most else common) & (times <= until)
+            inside = (right.time >= left.time[0]) & (right.time <= left.time[-1])
+            rarer = inside.any() and np.isin(right.time[inside], left.time).all()
+            chosen = np.isin(times, right.time if rarer else left.time) & (times <= until)
             if chosen.any():
                 x, y = (value[chosen] for value in values)
                 found[one.topic, item, name] = times[chosen], x, y

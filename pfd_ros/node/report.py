@@ -198,6 +198,11 @@ def report_arm(report: Report, stepper: Stepper, endpoints: Endpoints) -> None:
         'and uses this /clock'
     )
     report.line('lockstep', int(stepper.resent * RESEND_SECONDS), text)
+    text = (
+        '# commands taken late in lockstep: they had the stamp of an earlier '
+        'state, so the clock of their sender lags, as that of hardware of ros2_control may'
+    )
+    report.line('lagging', stepper.lagging, text)
     since = max(stepper.started, report.newest.get(CLOCK_TICKS, 0.0))
     silent = int(time.monotonic() - since) if state.settings.follows_clock else 0
     if silent >= LOST_CLOCK_SECONDS and not report.closing:

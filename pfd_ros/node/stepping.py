@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import STATES, Message, Verdict
+from pfd_ros.arm.events import NAMED, STATES, Message, Verdict
 from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.joints import decode_joints
 from pfd_ros.node.inbox import Inbox
 
 if TYPE_CHECKING:
@@ -33,6 +34,11 @@ CATCH_UP_NS = 50_000_000
 LONGEST_SLEEP = 0.05
 # In lockstep, time until a state without an answer is sent again: a reader may miss a clock tick.
 RESEND_SECONDS = 0.2
+# Time without an answer until a command with the stamp of an earlier state is taken as one; and if
+# that state was sent again, as it may be a second answer to it.
+LAGGING_SECONDS, UNSURE_SECONDS = 0.02, 5.0
+# Where a serialized JointState has its stamp, and the stamp of a command that is for now.
+STAMP, NOW = slice(4, 12), bytes(8)
 # At unlimited speed the arm waits for the disk from this share of the recorder's queue on, and
 # looks so often, s.
 MOST_BACKLOG, DISK_SECONDS = 0.25, 0.001
@@ -48,9 +54,9 @@ class Stepper:
 
     `recorder` is set before `run`, and an output without a publisher is only recorded. `count` is
     called with role and verdict of each input that the engine has taken. `late` steps came more
-    than a period late, `missed` periods were skipped, and `resent` states were sent again, because
-    no command answered them. `whole` is whether `run` has returned: otherwise the arm may be in
-    the middle of a cycle.
+    than a period late, `missed` periods were skipped, `resent` states were sent again, because no
+    command answered them, and `lagging` commands answered with an earlier stamp.
+    `whole` is whether `run` has returned: otherwise the arm may be in the middle of a cycle.
     """
 
     def __init__(
@@ -63,7 +69,7 @@ class Stepper:
         self.engine = engine
         self.recorder: Recorder | None = None
         self.started = time.monotonic()
-        self.states = self.late = self.missed = self.resent = 0
+        self.states = self.late = self.missed = self.resent = self.lagging = 0
         self._inbox, self._publishers, self._count = inbox, publishers, count
         self._settings: Settings | None = None
         self._period = 0.0
@@ -71,6 +77,10 @@ class Stepper:
         self._due = 0.0
         # When the disk was last known to keep up, s.
         self._kept_up = 0.0
+        # The stamp of the last state that was sent again; a command that came with the stamp of an
+        # earlier state than the one that waits, and when it may be taken.
+        self._again_ns: int | None = None
+        self._lagged: tuple[Message, float] | None = None
         # Written by this thread, read by another, without a lock: faster than a NumPy array.
         self._lengths = array('q', bytes(8 * LENGTHS))
 
@@ -127,19 +137,33 @@ class Stepper:
         self._take(self._inbox.take(), run=True)
 
     def _wait(self, stopped: Callable[[], bool]) -> None:
-        """Take inputs until one lets the arm go on; in lockstep, send its state again."""
+        """Take inputs until one lets the arm go on; in lockstep, send its state again.
+
+        A sender whose clock lags stamps its answer with the time of an earlier state, and then
+        waits for the next tick: the hardware of ros2_control has a clock beside that of its
+        controller manager. If nothing else came, that is the answer, without its stamp.
+        """
         engine, sent = self.engine, time.monotonic()
         cycle, settings = engine.state.cycle, engine.state.settings
         while engine.waiting and not stopped():
             # Without a period, the answer is followed by its step at once.
-            self._take(self._inbox.take(LONGEST_SLEEP), run=not self._period)
+            patience = LONGEST_SLEEP if self._lagged is None else LAGGING_SECONDS
+            self._take(self._inbox.take(patience), run=not self._period)
             if engine.state.cycle != cycle or engine.state.settings is not settings:
                 break
             # An arm that is inactive sends nothing.
-            answer = engine.state.active and engine.state.waits
-            if answer and time.monotonic() - sent > RESEND_SECONDS:
-                sent = time.monotonic()
-                self.resent += 1
+            if not (engine.state.active and engine.state.waits):
+                continue
+            now = time.monotonic()
+            if self._lagged is not None and now > self._lagged[1]:
+                (role, data, _), _ = self._lagged
+                # Its sender does not answer states that come again.
+                self._lagged = self._again_ns = None
+                self.lagging += 1
+                answer = Message(role, data[: STAMP.start] + NOW + data[STAMP.stop :])
+                self._take([(answer, Future())], run=not self._period)
+            elif now - sent > RESEND_SECONDS:
+                sent, self.resent, self._again_ns = now, self.resent + 1, engine.stamp_ns
                 self._publish(engine.present())
         # A step that had to wait is due at once.
         self._due = max(self._due, time.monotonic_ns())
@@ -154,9 +178,24 @@ class Stepper:
         for (message, future), verdict in zip(taken, verdicts, strict=True):
             self._count(message.role, verdict)
             future.set_result(verdict)
+            if verdict.label == 'stale' and message.role == NAMED and engine.state.waits:
+                self._keep_lagged(message)
         self._publish(messages)
         if engine.state.cycle != before:
+            self._lagged = None
             self._lengths[engine.state.cycle % LENGTHS] = time.perf_counter_ns() - begun
+
+    def _keep_lagged(self, message: Message) -> None:
+        """Keep a stale command if it may answer the state that waits.
+
+        Its stamp is of a state since the last reset. If that state or a later one was sent again,
+        the command may be a second answer to it.
+        """
+        stamp_ns, again_ns = decode_joints(message.data).stamp_ns, self._again_ns
+        if stamp_ns >= self.engine.state.reset_ns:
+            unsure = again_ns is not None and stamp_ns <= again_ns
+            after = UNSURE_SECONDS if unsure else LAGGING_SECONDS
+            self._lagged = message, time.monotonic() + after
 
     def _publish(self, messages: Sequence[Message]) -> None:
         for role, data, _ in messages:

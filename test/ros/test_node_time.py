@@ -196,6 +196,29 @@ def test_lockstep_repeats_an_unanswered_state_and_goes_on_with_the_next_answer(
     assert len(recorded(path, 'joint_commands')) > 300
 
 
+def test_in_lockstep_an_answer_with_the_stamp_of_the_state_before_is_taken_in_the_end(
+    processes: Processes, peer_of
+) -> None:
+    # The hardware of ros2_control stamps with a clock of its own, which may lag by a tick; then
+    # its controller manager waits for the next one. The arm takes its command a little later.
+    arm = processes.faulty('reports_often', *ARM, *START, *LOCKSTEP)
+    peer = peer_of(processes)
+    peer.connect()
+    controller = processes.python(ANSWERING, 'lagging')
+    controller.wait_for_text('answers')
+    peer.wait(lambda: any(peer.states[-1].velocity))
+    first = stamp_ns(peer.states[-1])
+    peer.wait(lambda: stamp_ns(peer.states[-1]) >= first + 5 * MILLISECOND)
+    arm.wait_for_text('commands taken late in lockstep')
+    controller.process.kill()
+    arm.stop()
+    path = processes.folder / 'arm.mcap'
+    assert verify_log(path).complete
+    rejected = [m.data for m in recorded(path, 'rejected')]
+    assert len(rejected) >= 5
+    assert all(b'joint_commands stale' in data for data in rejected)
+
+
 def test_a_lockstep_run_has_the_same_bits_each_time(processes: Processes, peer_of) -> None:
     runs = []
     for name in ('a.mcap', 'b.mcap'):

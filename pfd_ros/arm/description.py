@@ -18,6 +18,7 @@ import pfd_core as pfd
 from pfd_ros.arm.events import DESCRIPTION, NAMED, STATES
 from pfd_ros.arm.frames import LinkFrames
 from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.text import cut, listed
 
 # Hardware that talks over topics, and the values that its source code has for parameters that
@@ -46,7 +47,7 @@ class Ros2Control(NamedTuple):
     topics: Mapping[str, str] = {}
     # Joint -> initial value of its position, rad or m.
     positions: Mapping[str, float] = {}
-    # Why its hardware will lose commands.
+    # Why its hardware will lose commands, or stop.
     warnings: tuple[str, ...] = ()
 
 
@@ -127,15 +128,15 @@ def described_robot(settings: Settings, source: str | pfd.Urdf) -> DescribedRobo
             DescribedRobot(load_robot(settings, source), with_locks(settings, source))
         )
     robot = load_robot(settings, urdf)
-    control = Ros2Control()
+    filled, control = with_locks(settings, urdf), Ros2Control()
     if settings.ros2_control:
-        control = read_ros2_control(urdf, robot.joint_names)
+        at_rest = filled.locked if settings.publish_locked else ()
+        control = read_ros2_control(urdf, robot.joint_names, at_rest)
     at, names = control.positions, settings.joints or robot.joint_names
     start = default_start(robot)
     chosen: dict[str, Any] = {}
     if not settings.initial_positions and not at.keys().isdisjoint(names):
         chosen['initial_positions'] = tuple(at.get(x, start.get(x, 0.0)) for x in names)
-    filled = with_locks(settings, urdf)
     if not settings.locked_positions:
         # Joints that mimic locked ones follow them, unless their own names are given.
         stated = {
@@ -232,13 +233,16 @@ def load_robot(settings: Settings, source: str | pfd.Urdf) -> pfd.Robot:
         raise ValueError(f'{error}; of the node: write {written}') from error
 
 
-def read_ros2_control(urdf: pfd.Urdf, moving: Collection[str]) -> Ros2Control:
+def read_ros2_control(
+    urdf: pfd.Urdf, moving: Collection[str], locked: Collection[str] = ()
+) -> Ros2Control:
     """Return the contents of the blocks of a URDF; ValueError if they break their format.
 
-    `moving` are the joints of the arm; hardware without any of them belongs to another arm.
+    `moving` are the joints of the arm; hardware without any of them belongs to another arm. The
+    states have these joints, and `locked` ones.
     """
     hardware: set[tuple[str, str, float]] = set()
-    ragged, takes_effort = set[str](), False
+    ragged, takes_effort, lacking = set[str](), False, dict[str, None]()
     positions: dict[str, float] = {}
     for block in ElementTree.fromstring(urdf.text.strip()).findall('ros2_control'):
         # Where two joints have one name, the last one counts.
@@ -254,6 +258,14 @@ def read_ros2_control(urdf: pfd.Urdf, moving: Collection[str]) -> Ros2Control:
             if found:
                 kinds = list(commands.values())
                 ragged |= set().union(*kinds) - kinds[0].intersection(*kinds)
+                # It sets all numbers of the states, but for joints that mimic others.
+                lacking |= dict.fromkeys(
+                    f'{kind} of {name}'
+                    for name, joint in joints.items()
+                    for kind in JOINT_FIELDS
+                    if (name in moving or (name in locked and urdf.joints[name].mimic is None))
+                    and joint.find(f"state_interface[@name='{kind}']") is None
+                )
         for name, joint in joints.items():
             for value in joint.findall(INITIAL_POSITION):
                 position = _number(f'initial_value of joint {cut(name)!r}', _text(value))
@@ -280,6 +292,12 @@ def read_ros2_control(urdf: pfd.Urdf, moving: Collection[str]) -> Ros2Control:
             f'only some joints of the hardware have the command interface '
             f'{listed(sorted(ragged))}: it sends arrays shorter than its names, and such '
             'messages are dropped; give all joints of the block the same command interfaces'
+        )
+    if lacking:
+        warnings.append(
+            f'the hardware has no state interface for the {listed(lacking)} in joint_states: '
+            'joint_state_topic_hardware_interface stops with an error at the first state; give '
+            'each joint of the block the state interfaces position, velocity and effort'
         )
     topics = {NAMED: commands_topic, STATES: states_topic}
     return Ros2Control(topics, positions, tuple(warnings))

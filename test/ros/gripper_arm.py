@@ -23,7 +23,8 @@ def _joint(name: str, kind: str, parent: str, child: str, inside: str = '') -> s
 def _controlled(name: str, initial: float) -> str:
     return (
         f'<joint name="{name}"><command_interface name="effort"/><state_interface name="position">'
-        f'<param name="initial_value">{initial}</param></state_interface></joint>'
+        f'<param name="initial_value">{initial}</param></state_interface>'
+        '<state_interface name="velocity"/><state_interface name="effort"/></joint>'
     )
 
 

@@ -26,7 +26,7 @@ class TopicHardware:
     Attributes
     ----------
     interfaces
-        Joint -> its command interfaces, of KINDS.
+        Joint -> its command interfaces, of KINDS; `held` are its state interfaces.
     commands, states
         By joint and interface; NaN until a controller has claimed a command, or a state came.
     sent
@@ -37,6 +37,7 @@ class TopicHardware:
         self,
         peer: Peer,
         interfaces: Mapping[str, Sequence[str]],
+        held: Mapping[str, Sequence[str]],
         threshold: float = 1e-5,
         topics: tuple[str, str] = ('/robot_joint_commands', '/robot_joint_states'),
     ) -> None:
@@ -47,7 +48,9 @@ class TopicHardware:
         self.commands = {
             joint: dict.fromkeys(kinds, math.nan) for joint, kinds in interfaces.items()
         }
-        self.states: State = {joint: dict.fromkeys(KINDS, math.nan) for joint in interfaces}
+        self.states: State = {
+            joint: dict.fromkeys(kinds, math.nan) for joint, kinds in held.items()
+        }
         self.latest, self.sent = JointState(), 0
         commands, states = topics
         self.publisher = self.node.create_publisher(JointState, commands, QoSProfile(depth=1))
@@ -57,13 +60,18 @@ class TopicHardware:
         self.latest = message
 
     def read(self) -> None:
-        """Take the newest states; an array that is too short raises IndexError."""
+        """Take the newest states.
+
+        An array that is too short raises IndexError, a number without its interface KeyError.
+        """
         message = self.latest
         for i, joint in enumerate(message.name):
             if joint in self.states:
                 for kind in KINDS:
                     values = getattr(message, kind)
                     if len(values) and math.isfinite(values[i]):
+                        if kind not in self.states[joint]:
+                            raise KeyError(f'{joint}/{kind}')
                         self.states[joint][kind] = values[i]
 
     def write(self) -> None:

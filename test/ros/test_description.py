@@ -35,8 +35,13 @@ def joint(name: str, initial: str = '', command: str = 'effort') -> str:
     return (
         f'<joint name="{name}"><command_interface name="{command}"/>'
         f'<state_interface name="velocity"><param name="initial_value">9</param></state_interface>'
-        f'<state_interface name="position">{value}</state_interface></joint>'
+        f'<state_interface name="position">{value}</state_interface>'
+        '<state_interface name="effort"/></joint>'
     )
+
+
+def bare(name: str) -> str:
+    return f'<joint name="{name}"><command_interface name="effort"/></joint>'
 
 
 def block(joints: str, plugin: str = STOCK, **params: str) -> str:
@@ -50,6 +55,7 @@ def block(joints: str, plugin: str = STOCK, **params: str) -> str:
 MOCK = 'mock_components/GenericSystem'
 STOCK_TOPICS = {'joint_commands': '/robot_joint_commands', 'joint_states': '/robot_joint_states'}
 SILENT, RAGGED = '<param name="trigger_joint_command_threshold">-1</param>', 'shorter than its'
+LACKING = "no state interface for the ['{} of {}'"
 ALWAYS = {'trigger_joint_command_threshold': '-1'}
 
 
@@ -90,7 +96,23 @@ def described(*blocks: str, **chosen: Any) -> DescribedRobot:
             STOCK_TOPICS,
             [RAGGED],
         ),
-        ([block(joint('elbow') + '<joint name="finger"/>', **ALWAYS)], STOCK_TOPICS, [RAGGED]),
+        (
+            [block(joint('elbow') + '<joint name="finger"/>', **ALWAYS)],
+            STOCK_TOPICS,
+            [RAGGED, LACKING.format('position', 'finger')],
+        ),
+        # The hardware stops at a number of the states that it has no place for.
+        (
+            [block(joint('elbow').replace('<state_interface name="effort"/>', ''), **ALWAYS)],
+            STOCK_TOPICS,
+            [LACKING.format('effort', 'elbow')],
+        ),
+        # A joint that mimics another one is set by the hardware, and others are not in the states.
+        (
+            [block(joint('elbow') + bare('thumb') + bare('toe'), **ALWAYS)],
+            STOCK_TOPICS,
+            [],
+        ),
     ],
 )
 def test_topics_are_read_and_hardware_that_loses_commands_is_warned_of(

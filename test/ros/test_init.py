@@ -294,6 +294,12 @@ def test_the_launch_file_starts_arm_and_controller(
         # Hardware that talks over topics would be a second source of commands.
         expected = '/robot_joint_commands' if control else None
         assert arm._described.topics.get('joint_commands') == expected
+        assert arm._described.warnings == ()
+    if control:
+        # The hardware has a node with the name of its block, which stamps the commands.
+        block = ElementTree.parse(package / name / 'arm.urdf').find('ros2_control')
+        text = (package / name / 'controllers.yaml').read_text(encoding='utf-8')
+        assert yaml.safe_load(text)[block.get('name')]['ros__parameters']['use_sim_time'] is True
 
 
 # What is refused, and that nothing is left.

@@ -72,13 +72,17 @@ def hardware_of(peer) -> TopicHardware:
     """Return a replica of the hardware that the block describes."""
     block = ElementTree.fromstring(BLOCK)
     told = {param.get('name'): param.text for param in block.findall('hardware/param')}
-    interfaces = {
-        joint.get('name'): [kind.get('name') for kind in joint.findall('command_interface')]
-        for joint in block.findall('joint')
-    }
+    commanded, held = (
+        {
+            joint.get('name'): [kind.get('name') for kind in joint.findall(f'{tag}_interface')]
+            for joint in block.findall('joint')
+        }
+        for tag in ('command', 'state')
+    )
     return TopicHardware(
         peer,
-        interfaces,
+        commanded,
+        held,
         float(told['trigger_joint_command_threshold']),
         (told['joint_commands_topic'], told['joint_states_topic']),
     )
@@ -100,7 +104,7 @@ def test_lines_of_the_log_in_the_guide_are_logged_by_the_node() -> None:
     # Texts go over several lines of the source.
     source = re.sub(r"'\n\s+f?'", '', source)
     found = re.findall(r'^\| `(.*?)` \|', NOTHING.partition('## When nothing moves')[2], re.M)
-    assert len(found) == 13
+    assert len(found) == 14
     for line in found:
         dropped = line.partition('rejected: ')[2]
         if dropped:
@@ -110,6 +114,21 @@ def test_lines_of_the_log_in_the_guide_are_logged_by_the_node() -> None:
             assert "'too: " in source
         else:
             assert line in source, line
+
+
+def test_the_manager_finds_a_model_and_its_controllers_and_all_nodes_have_simulated_time() -> None:
+    # The hardware has a node with the name of its block, which takes nothing from the manager.
+    hardware = ElementTree.fromstring(BLOCK).get('name')
+    (spawner,) = (x for block in blocks('console') for x in block.splitlines() if 'spawner' in x)
+    spawned = spawner.partition('spawner ')[2].split()
+    manager = CONTROLLERS['controller_manager']['ros__parameters']
+    assert all('type' in manager[name] for name in spawned)
+    for node in ('controller_manager', hardware, 'effort_controller'):
+        assert CONTROLLERS[node]['ros__parameters']['use_sim_time'] is True
+    assert all(
+        'publish_description:=true' in command(x)
+        for x in ('recording:=run.mcap', 'lockstep:=true')
+    )
 
 
 @pytest.mark.slow

@@ -115,6 +115,9 @@ SELECTED: list[tuple[pfd.Robot, dict[str, Any], tuple[str, int]]] = [
     # The included arms need no refinement.
     *((pfd.load_robot(name), {}, (FACTOR, 0)) for name in ('puma560', 'ur5')),
     *((pfd.load_robot(name), {}, (BODIES, 0)) for name in ('panda', 'planar2')),
+    # With brakes or rotors no row of a grouped articulated body vanishes.
+    (pfd.load_robot('panda'), {'scene': pfd.Scene(brakes=True)}, (FACTOR, 1)),
+    (pfd.load_robot('planar2'), {'scene': pfd.Scene(armature=[0.1] * 2)}, (FACTOR, 0)),
     # Rods do; a named method is not refined.
     (chain(6, 'y'), {}, (FACTOR, 1)),
     (chain(6, 'y'), {'method': FACTOR}, (FACTOR, 0)),

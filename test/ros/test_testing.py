@@ -25,6 +25,7 @@ from ros_processes import PATIENCE, ROOT, qos, wait_until
 from tested_controllers import BEFORE, GOAL, command_of, faulty, node_of
 
 import pfd_core as pfd
+from pfd_ros import read_log
 from pfd_ros.cli.main import main as pfd_main
 from pfd_ros.testing import (
     REASONS,
@@ -557,6 +558,20 @@ def test_a_command_of_which_a_part_is_rejected_fails_unless_the_test_allows_it(
         with pytest.raises(ValueError, match="allow_rejected has 'futur': did you mean 'future'"):
             arm.spin(0.02, node, allow_rejected='futur')
     assert reason in REASONS
+
+
+@pytest.mark.ros
+def test_a_flood_of_rejected_commands_is_counted_in_the_recording_and_verifies(
+    controller_of, tmp_path
+) -> None:
+    def nobody(command: Any) -> None:
+        command.name = [f'nobody{k}' * 100 for k in range(len(command.name))]
+
+    node, path = controller_of('named', change=nobody), tmp_path / 'run.mcap'
+    with ur5(recording=path) as arm:
+        arm.spin(0.05, node, allow_rejected={'unknown_names'})
+    assert read_log(path)['/sim_arm/rejected_counts'].data[0].startswith('joint_commands unknown')
+    assert pfd_main(['replay', str(path), '--verify']) == 0
 
 
 @pytest.mark.ros

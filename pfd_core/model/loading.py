@@ -3,9 +3,7 @@
 """
 Robots by name, from a file or from text, and scenes from a file or from text.
 
-A scene file is YAML: a table of the fields of Scene. `null` is None, and numbers of joints are
-lists in the order of the robot's joints. URDF and xacro, and robots by name whose links are in
-another package, are read by modules that are imported at the first such file.
+A scene file is YAML: a table of the fields of Scene, with numbers in the order of the joints.
 """
 
 from __future__ import annotations

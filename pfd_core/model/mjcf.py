@@ -4,9 +4,8 @@
 The URDF of a MuJoCo model (MJCF), by the package mujoco, which compiles it.
 
 Each body is a link with its frame at the body's last joint; joints before that move links without
-mass in between. Sites are links, too. A linear equality of two joints is a <mimic>; joints that
-other equalities couple say so in an <equality>, and no chain moves them. What else a URDF lacks is
-named in one warning: springs, tendons, servos and more. Meshes are read only where they give mass.
+mass in between. Sites are links, too. A linear equality of two joints is a <mimic>, any other an
+<equality> of the joints that it couples. What else a URDF lacks is named in one warning.
 """
 
 from __future__ import annotations
@@ -194,10 +193,9 @@ def _free(model: Any) -> list[int]:
 
 def _equalities(mujoco: Any, model: Any) -> tuple[dict[int, int], dict[int, str]]:
     """
-    Return how equalities couple joints.
+    Return the equalities by which joints follow others linearly, and kind and name of all others.
 
-    The first result has the equality by which a joint follows another linearly, the second the
-    kind and name of any other, by joint. A body that is moved by hand couples none.
+    Both are by joint. A body that is moved by hand couples none.
     """
     kinds, follow, coupled = mujoco.mjtEq, dict[int, int](), dict[int, str]()
     if _is_off(mujoco, model, 'EQUALITY') or _is_off(mujoco, model, 'CONSTRAINT'):

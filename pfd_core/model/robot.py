@@ -370,8 +370,7 @@ def known_limits(numbers: Mapping[str, float]) -> tuple[dict[str, float], tuple[
     """
     Return the numbers that a file states of a joint without limits that mean none, and these.
 
-    Files have 0 or a negative number for a velocity or an effort that nobody knew or nothing
-    limits, and PyBullet a lower end above the upper one for a joint without ends.
+    They are velocities and efforts of 0 or below, and a lower end above the upper one (PyBullet).
     """
     known, none = dict(numbers), []
     if known.get('lower', -math.inf) > known.get('upper', math.inf):
@@ -383,11 +382,7 @@ def known_limits(numbers: Mapping[str, float]) -> tuple[dict[str, float], tuple[
 
 
 def limits_text(name: str, none: Mapping[str, Sequence[str]], infinite: str) -> str:
-    """
-    Return the warning about joints whose limits mean none; '' if there are no such joints.
-
-    `infinite` has places for a limit's name and for the sign of its infinity, as a file has them.
-    """
+    """Return the warning about limits that mean none, '' for none; `infinite` forms a repair."""
     joints = [f'{quote(joint)} ({", ".join(which)})' for joint, which in none.items() if which]
     if not joints:
         return ''

@@ -3,9 +3,8 @@
 """
 URDF string -> `Urdf`, the one record of a model for all readers of a URDF.
 
-Other readers drop an <inertial> that they cannot read and carry on without the link's mass. Here
-a number, an element or a name that breaks the format is an error that names its link or joint,
-the file and the line.
+A number, an element or a name that breaks the format is an error that names its link or joint, the
+file and the line; other readers drop an <inertial> that they cannot read, and the link's mass.
 """
 
 from __future__ import annotations

@@ -339,11 +339,7 @@ def _refuse_follower(urdf: Urdf, joint: Joint, leader: str) -> None:
 
 
 def _places(urdf: Urdf, joints: Sequence[Joint], locked: Mapping[str, float]) -> dict[str, float]:
-    """
-    Return the positions [rad, m] of joints that are locked, besides those that are `locked`.
-
-    It is next to zero within the limits, of the joint or of the one that it follows.
-    """
+    """Return positions [rad, m] of further joints to lock: next to zero, or as they follow."""
     at, unled = dict(locked), []
     for joint in joints:
         if joint.kind in NOT_A_CHAIN:

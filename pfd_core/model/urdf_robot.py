@@ -289,8 +289,8 @@ def _warn_of_sizes(urdf: Urdf, chain: Chain) -> None:
     """
     Warn of bodies that are larger, or have their centre farther away, than the arm is long.
 
-    A centre is also no farther than what is beyond its joint and half of the arm: of 286 published
-    URDFs this holds for all but 16, which have centres in the frame of the base.
+    A centre is also no farther than what is beyond its joint and half of the arm; of 286 published
+    URDFs 16 have others, in the frame of the base.
     """
     sizes = {name: math.hypot(*joint.origin.xyz) for name, joint in urdf.joints.items()}
     for name, joint in urdf.joints.items():

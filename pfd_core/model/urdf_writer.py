@@ -3,10 +3,9 @@
 """
 Robots as URDF: for programs that read no other format.
 
-Link k of the chain has its frame on the axis of joint k, which is z. The tip and all other frames
-of the robot are links without mass, fixed to the links of the chain. A rotor is the <motorInertia>
-of a <transmission> with a reduction of 1, as pfd_core.model.urdf reads it. A limit that a joint
-lacks is LARGEST_LIMIT: most readers of the format know no infinity.
+Link k of the chain has its frame on the axis of joint k, which is z; all other frames are links
+without mass. A rotor is the <motorInertia> of a <transmission> with a reduction of 1. A limit that
+a joint lacks is LARGEST_LIMIT: most readers of the format know no infinity.
 """
 
 from __future__ import annotations

@@ -3,9 +3,8 @@
 """
 The URDF of a xacro file, by the package xacro.
 
-In the process that expands a file, `$(find NAME)` asks this project for the folder of a package,
-since the index that xacro asks exists only where ROS is installed. Files have the encoding that
-they declare, whatever the locale is.
+Where a file is expanded, `$(find NAME)` asks this project for the folder of a package: the index
+that xacro asks comes with ROS. Files have the encoding that they declare, whatever the locale is.
 """
 
 from __future__ import annotations

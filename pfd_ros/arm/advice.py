@@ -34,6 +34,8 @@ from pfd_ros.text import cut
 # Multiple of the velocity limit beyond every intended motion. Under the torque-speed limit, which
 # is on by default, a joint that oscillates at full effort comes close to 2 and never above.
 RUNAWAY = 1.5
+# With fewer commands nothing answers the states: there are no gains.
+FEWEST_COMMANDS = 10
 
 
 def stated(robot: pfd.Robot) -> dict[str, bool]:
@@ -90,12 +92,18 @@ class Speeding(NamedTuple):
 
 
 def speeding(
-    robot: pfd.Robot, scene: pfd.Scene, peaks: Sequence[float], *, from_file: bool = False
+    robot: pfd.Robot,
+    scene: pfd.Scene,
+    peaks: Sequence[float],
+    *,
+    commands: int = FEWEST_COMMANDS,
+    from_file: bool = False,
 ) -> Speeding | None:
     """Return the joint that was farthest beyond its velocity limit, if one was.
 
     `peaks` are the largest speeds of the joints as multiples of their limits, (n,) in model order,
-    0 for a joint that kept it. A remedy for a scene `from_file` is written into that file.
+    0 for a joint that kept it, and `commands` are how many came. A remedy for a scene `from_file`
+    is written into that file.
     """
     ratio = max(peaks)
     if not ratio:
@@ -107,15 +115,37 @@ def speeding(
     if robot.velocity_limit[joint] != limit:
         found += ' (assumed, the model has none)'
     remedy = 'a real arm would stop with a fault; move slower'
-    if ratio >= RUNAWAY:
+    if commands < FEWEST_COMMANDS:
+        remedy = _constant_remedy(robot, scene, joint, from_file)
+    elif ratio >= RUNAWAY:
         remedy = _rotor_remedy(robot, scene, joint, from_file)
     return Speeding(ratio, f'{found}: {remedy}')
 
 
+def _acts(robot: pfd.Robot, scene: pfd.Scene, name: str, joint: int) -> bool:
+    """Return whether an effect of a scene acts on a joint."""
+    (field,) = (x for effect in pfd.EFFECTS for x in effect.fields if x.name == name)
+    acting = field.resolved(robot, getattr(scene, name))
+    return acting is not None and bool(np.any(acting[joint]))
+
+
+def _constant_remedy(robot: pfd.Robot, scene: pfd.Scene, joint: int, from_file: bool) -> str:
+    name = robot.joint_names[joint]
+    stated = 'friction' not in robot.silent or name not in robot.silent['friction']
+    ends = np.isfinite([robot.position_lower[joint], robot.position_upper[joint]]).all()
+    missing = {}
+    if not _acts(robot, scene, 'friction', joint):
+        missing['friction'] = 'friction:=true' if stated else f'friction.{name}:=1.0'
+    if ends and not _acts(robot, scene, 'joint_limits', joint):
+        missing['stops'] = 'joint_limits:=true'
+    if not missing:
+        return 'a constant torque drives it; no controller answers the states'
+    text = f'a constant torque drives it, with no {" or ".join(missing)} in this scene'
+    return text if from_file else f'{text}: {", ".join(missing.values())}'
+
+
 def _rotor_remedy(robot: pfd.Robot, scene: pfd.Scene, joint: int, from_file: bool) -> str:
-    (armature,) = (effect.fields[0] for effect in pfd.EFFECTS if effect.name == 'armature')
-    acting = armature.resolved(robot, scene.armature)
-    if acting is not None and acting[joint]:
+    if _acts(robot, scene, 'armature', joint):
         return 'lower the gains; /diagnostics shows the largest stable ones'
     stated = bool(robot.armature[joint])
     if from_file:

@@ -177,7 +177,8 @@ def introduce(engine: Engine, endpoints: Endpoints, log: Callable[[str], object]
 def speed_of(engine: Engine) -> Speeding | None:
     """Return the joint that was farthest beyond its velocity limit so far, if one was."""
     state, peaks = engine.state, engine.state.motors.peaks.tolist()
-    return speeding(engine.robot, engine.plant.scene, peaks, from_file=bool(state.settings.scene))
+    given, from_file = (engine.robot, engine.plant.scene, peaks), bool(state.settings.scene)
+    return speeding(*given, commands=state.sent, from_file=from_file)
 
 
 def report_arm(report: Report, stepper: Stepper, endpoints: Endpoints) -> None:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
+import re
 from typing import Any, TypeVar
 
 import numpy as np
@@ -45,6 +46,8 @@ SILENCE = 0.1
 # What ends so long after the last state is behind the window of a log [s].
 LATE = 1.0
 TEXT_LENGTH = 200
+# A number that is no part of a name.
+NUMBER = re.compile(r'(?<![\w.:=/])-?\d[\d.]*(?:e[-+]?\d+)?(?![\w/])')
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,13 +208,17 @@ def _failure(run: Recorded) -> Iterator[Finding]:
 
 
 def _diagnostics(run: Recorded) -> Iterator[Finding]:
+    """Yield what warnings and errors say, once for texts that differ in their numbers alone."""
     rows: list[tuple[tuple[str, str], float]] = []
+    first: dict[str, str] = {}
     for _, found in run.of_type(DIAGNOSTICS):
         level, name, text = (found.arrays[f'status.{x}'] for x in ('level', 'name', 'message'))
         times = run.times(found)
         for k, j in np.argwhere(np.nan_to_num(level.astype(float)) >= 1):
             severity = BAD if level[k, j] >= 2 else NOTE if text[k, j] == BUSY else WARNING
-            rows.append(((severity, f'{name[k, j]}: {text[k, j]}'), times[k]))
+            line = f'{name[k, j]}: {text[k, j]}'
+            line = first.setdefault(NUMBER.sub('#', line), line)
+            rows.append(((severity, line), times[k]))
     for (severity, line), found_at in _grouped(rows).items():
         yield _finding('diagnostics', severity, line, *found_at)
 

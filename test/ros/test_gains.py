@@ -133,7 +133,7 @@ def test_the_same_ur5_with_estimated_rotors_stays_below_its_velocity_limits() ->
     np.testing.assert_allclose(engine.measured()[0], GOAL, rtol=0, atol=1e-6)
 
 
-def line_of(speed: float, **chosen: Any) -> str:
+def line_of(speed: float, commands: int = 1000, **chosen: Any) -> str:
     """Return the line about an arm whose last joint was that fast, ''  if it is not too fast."""
     settings = Settings(**chosen)
     robot = load_arm_robot(settings, settings.robot)
@@ -141,7 +141,8 @@ def line_of(speed: float, **chosen: Any) -> str:
     ratio = speed / limit if speed > limit else 0.0
     scene = scene_of(settings, np.arange(robot.n))
     peaks = [*[0.0] * (robot.n - 1), ratio]
-    found = speeding(robot, scene, peaks, from_file=bool(settings.scene))
+    from_file = bool(settings.scene)
+    found = speeding(robot, scene, peaks, commands=commands, from_file=from_file)
     return '' if found is None else found.text
 
 
@@ -158,6 +159,18 @@ def test_the_remedy_fits_the_model_and_the_scene() -> None:
         line = line_of(250.0, **chosen)
         assert remedy in line
         assert ('assumed' in line) == (chosen['robot'] == PLAIN)
+    # A torque that nobody changes has no gains to lower.
+    for chosen, remedy in (
+        ({'robot': 'ur5', 'armature': True}, 'friction.wrist_3_joint:=1.0, joint_limits:=true'),
+        ({'robot': 'puma560'}, 'friction:=true, joint_limits:=true'),
+        ({'robot': 'puma560', 'friction': True}, 'no stops in this scene: joint_limits:=true'),
+        ({'robot': 'puma560', 'friction': True, 'joint_limits': True}, 'a constant torque'),
+        ({'robot': PLAIN}, 'friction.only:=1.0'),
+    ):
+        for speed in (250.0, 9000.0):
+            line = line_of(speed, commands=1, **chosen)
+            assert remedy in line
+            assert 'gains' not in line
     # A joint a little too fast is no runaway, and a slow one is not reported.
     assert line_of(3.0, robot='ur5') == ''
     line = line_of(4.0, robot='ur5')

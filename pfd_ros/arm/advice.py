@@ -135,13 +135,13 @@ def _constant_remedy(robot: pfd.Robot, scene: pfd.Scene, joint: int, from_file: 
     ends = np.isfinite([robot.position_lower[joint], robot.position_upper[joint]]).all()
     missing = {}
     if not _acts(robot, scene, 'friction', joint):
-        missing['friction'] = 'friction:=true' if stated else f'friction.{name}:=1.0'
+        missing['friction'] = '-p friction:=true' if stated else f'-p friction.{name}:=1.0'
     if ends and not _acts(robot, scene, 'joint_limits', joint):
-        missing['stops'] = 'joint_limits:=true'
+        missing['stops'] = '-p joint_limits:=true'
     if not missing:
         return 'a constant torque drives it; no controller answers the states'
     text = f'a constant torque drives it, with no {" or ".join(missing)} in this scene'
-    return text if from_file else f'{text}: {", ".join(missing.values())}'
+    return text if from_file else f'{text}: {" ".join(missing.values())}'
 
 
 def _rotor_remedy(robot: pfd.Robot, scene: pfd.Scene, joint: int, from_file: bool) -> str:
@@ -152,8 +152,8 @@ def _rotor_remedy(robot: pfd.Robot, scene: pfd.Scene, joint: int, from_file: boo
         word = 'model' if stated else ESTIMATED
         return f'no rotor inertia in this scene? Write armature: {word} into the scene file'
     if not pfd.estimated_armature(robot)[joint]:
-        return f'no rotor inertia in this model? armature.{robot.joint_names[joint]}:=0.1'
-    return f'no rotor inertia in this model? armature:={"true" if stated else ESTIMATED}'
+        return f'no rotor inertia in this model? -p armature.{robot.joint_names[joint]}:=0.1'
+    return f'no rotor inertia in this model? -p armature:={"true" if stated else ESTIMATED}'
 
 
 def estimate_text(robot: pfd.Robot) -> str:

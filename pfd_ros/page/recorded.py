@@ -74,7 +74,8 @@ class Recorded:
         self._axis_ns = self._logged_ns = np.empty(0, np.int64)
         if states is not None:
             self._axis_ns, self._logged_ns = self._stamps_of(states), states.log_ns
-        every = [x.log_ns[0] for x in self._read.values()]
+        logged = ((x.log_ns, x.simulated_ns) for x in self._read.values())
+        every = [int((log if ns is None else ns)[0]) for log, ns in logged]
         first = int(self._axis_ns[0] if states is not None else min(every, default=0))
         self.origin_ns = first if first > LATEST_START else 0
         self.joints = () if states is None else tuple(self._by_publisher(states))

@@ -161,9 +161,12 @@ def test_the_remedy_fits_the_model_and_the_scene() -> None:
         assert ('assumed' in line) == (chosen['robot'] == PLAIN)
     # A torque that nobody changes has no gains to lower.
     for chosen, remedy in (
-        ({'robot': 'ur5', 'armature': True}, 'friction.wrist_3_joint:=1.0, joint_limits:=true'),
-        ({'robot': 'puma560'}, 'friction:=true, joint_limits:=true'),
-        ({'robot': 'puma560', 'friction': True}, 'no stops in this scene: joint_limits:=true'),
+        (
+            {'robot': 'ur5', 'armature': True},
+            '-p friction.wrist_3_joint:=1.0 -p joint_limits:=true',
+        ),
+        ({'robot': 'puma560'}, '-p friction:=true -p joint_limits:=true'),
+        ({'robot': 'puma560', 'friction': True}, 'no stops in this scene: -p joint_limits:=true'),
         ({'robot': 'puma560', 'friction': True, 'joint_limits': True}, 'a constant torque'),
         ({'robot': PLAIN}, 'friction.only:=1.0'),
     ):

@@ -389,7 +389,8 @@ def test_infinite_states_are_found(tmp_path) -> None:
 
 def test_diagnostics_are_findings_by_their_level(tmp_path) -> None:
     types, rows = STORE.types, []
-    for k, (level, text) in enumerate([(0, 'ok'), (1, BUSY), (1, 'warm'), (2, 'hot'), (2, 'hot')]):
+    warm = [(1, f'joint{text} C') for text in ('1 at 31.5', '1 at 7e+01', '2 at 9')]
+    for k, (level, text) in enumerate([(0, 'ok'), (1, BUSY), *warm, (2, 'hot'), (2, 'hot')]):
         stamp = types['builtin_interfaces/msg/Time'](sec=k + 1, nanosec=0)
         header = types['std_msgs/msg/Header'](stamp=stamp, frame_id='')
         status = types['diagnostic_msgs/msg/DiagnosticStatus'](
@@ -401,7 +402,9 @@ def test_diagnostics_are_findings_by_their_level(tmp_path) -> None:
     found = [(x.severity, x.text, len(x.spans)) for x in page.findings]
     # What the machine misses is no fault of the arm.
     own = ('note', f'drive: {BUSY}', 1)
-    assert found == [own, ('warning', 'drive: warm', 1), ('bad', 'drive: hot', 2)]
+    # One row for a joint, whatever its numbers.
+    lines = [('warning', 'drive: joint1 at 31.5 C', 2), ('warning', 'drive: joint2 at 9 C', 1)]
+    assert found == [own, *lines, ('bad', 'drive: hot', 2)]
     assert 'the log has no joint states' in page.notes
 
 

@@ -16,15 +16,15 @@ All take samples of one joint, once a control period. With the error e = q - tar
                    STEADY of it, and would at its mean speed there in the time of the whole motion
 
 VERDICTS has what is said of them, in order. Growth and divergence are measured before the first
-sample at the torque limit, if there are enough, and decay over the whole motion. A turning point
-is right to half a control period, and so are the times between two of them. Efforts are cut to
-their limits, so commanded efforts and measured ones give one diagnosis.
+sample at the torque limit, if there are enough, and decay over the whole motion; the second half
+must have the larger or the smaller span, too. A turning point is right to half a control period,
+and so are the times between two of them. Efforts are cut to their limits, so commanded efforts and
+measured ones give one diagnosis.
 
 A joint that follows a moving reference turns as often as the reference. It oscillates if its error
-turns more than twice as often and regularly, most of the times between turns from half to twice
-their median, at a share STEADY of the speed of the reference. A joint that runs away from its
-target faster than its velocity oscillates runs away. If no target is
-known, turns below REFERENCE_RATE may be those of a reference, and are no oscillation.
+turns HARMONICS times as often, at a share STEADY of the speed of the reference. A joint that runs
+away from its target faster than its velocity oscillates runs away. If no target is known, turns
+below REFERENCE_RATE may be those of a reference, and are no oscillation.
 """
 
 from __future__ import annotations
@@ -55,6 +55,8 @@ STEADY = 0.1
 LEVEL = 1.0
 # Arms are seldom asked to turn more often than this [Hz].
 REFERENCE_RATE = 5.0
+# Friction, which changes its sign with the velocity, gives an error of up to the third harmonic.
+HARMONICS = 3
 # A joint farther from its reference than this share of its range does not follow it.
 FOLLOWS = 0.4
 # Of a torque.
@@ -185,11 +187,10 @@ class Samples:
         if found is None or (self.target is None and found.frequency < REFERENCE_RATE):
             return None
         if self.moves:
-            turned = len(turns(self.speed)) / (2 * float(self.time[-1] - self.time[0]))
+            at = self.time[turns(self.speed)]
+            turned = (len(at) - 1) / (2 * float(at[-1] - at[0])) if len(at) > 1 else 0.0
             least = STEADY * np.abs(self.speed).max()
-            gaps = np.diff(self.time[turns(self.qd - self.speed)])
-            regular = np.mean(np.abs(np.log2(gaps / np.median(gaps))) < 1.0) > 0.5
-            if found.frequency <= 2 * turned or found.amplitude <= least or not regular:
+            if found.frequency <= HARMONICS * turned or found.amplitude <= least:
                 return None
         late = self.time > self.time[-1] - 1.0 / found.frequency
         drift = float((self.qd - self.speed)[late].mean())
@@ -209,7 +210,9 @@ class Samples:
         early = self.early if self.early and self.early.growth > 0.0 else None
         growth, last = (early or self.waves).growth, self.free.stop if early else len(self.time)
         seconds = float(self.time[last - 1] - self.time[0])
-        if abs(growth) * seconds <= LEVEL:
+        # Ripples on a large oscillation have a slope of their own.
+        spans = [np.ptp(x) for x in np.array_split((self.qd - self.speed)[:last], 2)]
+        if abs(growth) * seconds <= LEVEL or (spans[1] > spans[0]) != (growth > 0.0):
             return 'steady'
         return f'{"growing" if growth > 0 else "decaying"} by {abs(growth):.3g} /s'
 

@@ -391,6 +391,17 @@ def test_a_motion_is_diagnosed_by_its_target_or_its_reference(name: str) -> None
     assert ('wrong sign' in text_of(found)) == ('driven' in name)
 
 
+@pytest.mark.parametrize(
+    ('growth', 'word'), [(-2.0, 'decaying'), (0.0, 'steady'), (0.2, 'steady'), (2.0, 'growing')]
+)
+def test_an_oscillation_decays_or_grows_only_if_all_of_it_does(growth: float, word: str) -> None:
+    wave = 0.3 * np.exp(growth * TIMES) * np.sin(TURN * 2.0 * TIMES)
+    assert word in text_of(diagnosis(wave, 0.0))
+    # Smaller ripples at its end do not make it decay.
+    rippled = wave + 0.01 * (TIMES > 1.5) * np.sin(TURN * 25 * TIMES)
+    assert growth < 0.0 or 'decaying' not in text_of(diagnosis(rippled, 0.0))
+
+
 def test_an_oscillation_is_compared_with_the_rate_of_the_commands_if_it_is_known() -> None:
     assert '(0.1 of the control rate)' in text_of(diagnosis(FAST, 0.0, period=4e-3))
     assert 'control rate' not in text_of(diagnosis(FAST, 0.0, period=math.nan))

@@ -22,9 +22,10 @@ and so are the times between two of them. Efforts are cut to their limits, so co
 measured ones give one diagnosis.
 
 A joint that follows a moving reference turns as often as the reference. It oscillates if its error
-turns HARMONICS times as often, at a share STEADY of the speed of the reference. A joint that runs
-away from its target faster than its velocity oscillates runs away. If no target is known, turns
-below REFERENCE_RATE may be those of a reference, and are no oscillation.
+turns HARMONICS times as often, mostly in half to twice the mean time, at a share STEADY of the
+speed of the reference. A joint that runs away from its target faster than its velocity oscillates
+runs away. If no target is known, turns below REFERENCE_RATE may be those of a reference, and are
+no oscillation.
 """
 
 from __future__ import annotations
@@ -190,7 +191,9 @@ class Samples:
             at = self.time[turns(self.speed)]
             turned = (len(at) - 1) / (2 * float(at[-1] - at[0])) if len(at) > 1 else 0.0
             least = STEADY * np.abs(self.speed).max()
-            if found.frequency <= HARMONICS * turned or found.amplitude <= least:
+            halves = np.diff(self.time[turns(self.qd - self.speed)]) * 2 * found.frequency
+            regular = np.mean((halves > 0.5) & (halves < 2.0)) > 0.5
+            if found.frequency <= HARMONICS * turned or found.amplitude <= least or not regular:
                 return None
         late = self.time > self.time[-1] - 1.0 / found.frequency
         drift = float((self.qd - self.speed)[late].mean())

@@ -307,9 +307,9 @@ def _symptoms(
                 continue
             samples = Samples(
                 time[rows],
-                *(values[rows] for values in columns),
+                *(columns[0][rows], columns[1][rows], columns[2][rows]),
                 target=None if target is None else target[rows],
-                limits={item: joints.bounds[item][:, j].tolist() for item in JOINT_FIELDS},
+                limits={item: (low[j], high[j]) for item, (low, high) in joints.bounds.items()},
                 units={item: run.states_unit(item, (name,)) for item in JOINT_FIELDS},
                 period=run.command_period,
             )

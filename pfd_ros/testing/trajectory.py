@@ -208,7 +208,7 @@ class Trajectory:
                     Samples(
                         *(self.time, self.q[:, j], self.qd[:, j], self.tau[:, j]),
                         target=None if goals is None else goals[0 if len(goals) == 1 else ..., j],
-                        limits={kind: ends for kind, _, *ends in self._bounds(j)},
+                        limits={kind: (low, high) for kind, _, low, high in self._bounds(j)},
                         units={item: self._unit(item, j) for item in JOINT_FIELDS},
                         period=self.period,
                     ),

@@ -156,8 +156,8 @@ def _warn_of_locks(urdf: Urdf, chain: Chain, given: Mapping[str, float]) -> None
     assumed = {name: x for name, x in chain.locked.items() if name not in given}
     if assumed:
         warn(
-            f'{urdf.place}: joints that do not move tip {quote(chain.tip)} are locked; to choose '
-            f'where, give {how_to_lock(assumed)}'
+            f'{urdf.place}: joints that do not move tip {quote(chain.tip)} are locked, '
+            f'as by {how_to_lock(assumed)}'
         )
     moves = {joint.name for joint in chain.joints}
     for name in given:

@@ -42,7 +42,8 @@ def _run(given: argparse.Namespace) -> int:
         plan = plan_of(arm)
     write_package(given.name, arm, plan, given.ros2_control)
     locked = f', locked {listed(arm.settings.locked)}' if arm.settings.locked else ''
-    print_lines([f'{arm.robot.name}: {arm.robot.n} joints, tip {arm.robot.tip!r}{locked}'])
+    joints = listed(arm.robot.joint_names)
+    print_lines([f'{arm.robot.name}: joints {joints}, tip {arm.robot.tip!r}{locked}'])
     notes = dict.fromkeys([*arm.notes, *(str(warning.message) for warning in found)])
     print_lines(f'note: {note}' for note in notes)
     print_lines([f'next: cd {given.name} && pytest && ./run.sh'])

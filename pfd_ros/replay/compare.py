@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pfd_ros.arm.events import INPUTS
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import CLOCK, JOINT_STATE
 from pfd_ros.recording.arrays import LogArrays
@@ -130,6 +131,11 @@ def compare(
             raise ValueError(f'{log.path}: topic {topic!r} is {kind}, expected {JOINT_STATE}')
     # The tracks of both logs by pair of topics and joint.
     joints = {pair: _joints(a[pair[0]], b[pair[1]]) for pair in pairs}
+    if a.roles and b.roles and not topics:
+        # Commands that both arms refused may name the same joints.
+        outputs = [pair for pair in pairs if a.roles[pair[0]] not in INPUTS]
+        if outputs and not any(joints[pair] for pair in outputs):
+            raise ValueError(_no_joint(a, b, outputs[0]))
     fullest = max(joints.values(), key=_positions)
     shift, correlation, spans = 0.0, None, [_span(fullest, side) for side in (0, 1)]
     if lag is None:
@@ -160,13 +166,7 @@ def compare(
                 if len(curve[0]):
                     curves[pair[0], item, name] = curve
     if not curves:
-        one, two = a[pairs[0][0]], b[pairs[0][1]]
-        counts = f'; {one.unreadable} and {two.unreadable} messages cannot be read'
-        unread = counts if one.unreadable or two.unreadable else ''
-        raise ValueError(
-            f'{a.path} and {b.path} have no joint with values at common times: joints are '
-            f'{listed(one.names)} and {listed(two.names)}, lag {lag:.6g} s{unread}'
-        )
+        raise ValueError(f'{_no_joint(a, b, pairs[0])}, lag {lag:.6g} s')
     overlap = max(float(np.ptp(time)) for time, _, _ in curves.values())
     periods = [
         np.diff(x.time) for both in [*fullest.values()][:1] for x in both if len(x.time) > 1
@@ -184,6 +184,16 @@ def compare(
         tuple(only[1]),
         (a.complete, b.complete),
         curves,
+    )
+
+
+def _no_joint(a: LogArrays, b: LogArrays, pair: tuple[str, str]) -> str:
+    one, two = a[pair[0]], b[pair[1]]
+    counts = f' ({one.unreadable} and {two.unreadable} messages cannot be read)'
+    unread = counts if one.unreadable or two.unreadable else ''
+    return (
+        f'{a.path} and {b.path} have no joint with values at common times: joints are '
+        f'{listed(one.names)} and {listed(two.names)}{unread}'
     )
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+import re
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,6 +28,8 @@ NUMBERS = {
     'damping': 'N m s/rad or N s/m, viscous friction, which the law compensates',
     'friction': 'N m or N, Coulomb friction, which the law does not know',
 }
+# In names of joints and links that are no joints of an arm.
+GRIPPER = 'grip|jaw|finger|claw'
 GUESS = 'estimated: 0.035 s * effort limit / velocity limit'
 # Other settings of an arm.
 PLAIN = ['base_link', 'tip_link', 'locked', 'locked_positions', 'gravity', 'step_size']
@@ -77,6 +80,8 @@ def arm_of(source: str | None, log: Path | None, tip: str, rename: Mapping[str, 
         assert arrays is not None
         text, label = _described(arrays), name
     found, notes = _chain(settings, parsed_urdf(text, f'the model of {label}'))
+    if not tip and found.urdf is not None:
+        notes += _gripper(found.urdf.joints[found.robot.joint_names[-1]])
     robot, settings = found.robot, found.settings
     guess = [float(f'{x:.6g}') for x in pfd.estimated_armature(robot)]
     numbers = {
@@ -129,6 +134,14 @@ def _chain(settings: Settings, urdf: pfd.Urdf) -> tuple[DescribedRobot, tuple[st
             raise
         line = f'the model is a tree; its tip is {tree.tip!r} here, --tip LINK chooses another'
         return described_robot(replace(settings, tip_link=tree.tip), urdf), (line,)
+
+
+def _gripper(last: Any) -> tuple[str, ...]:
+    """Return a note about the last joint if it, or its link, has the name of a gripper."""
+    if not re.search(GRIPPER, f'{last.name} {last.child}', re.IGNORECASE):
+        return ()
+    names = f'joint {cut(last.name)!r}, which moves {cut(last.child)!r}, is a joint of the arm'
+    return (f'{names} here; if it opens a gripper, --tip {cut(last.parent)!r} locks it',)
 
 
 def _recorded(

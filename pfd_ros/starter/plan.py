@@ -9,6 +9,7 @@ obeys e'' + 2 w e' + w^2 e = (M^-1 d)_i, with its bandwidth w and the torques d 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
+import warnings
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,8 @@ from pfd_ros.text import cut
 # Step of a joint that turns or slides, and an error that is large, rad or m.
 STEP, LARGE_ERROR = (0.5, 0.1), (0.1, 0.02)
 # Shares of the range of a joint: of its step, and of what stays free at each end. Shares of a
-# limit: of the velocity, the torques of the motion, gravity alone, the answer to a large error.
+# limit: of the velocity, the torques of the motion, gravity alone in a posture that needs no
+# search, the answer to a large error.
 STEP_SHARE, FREE_SHARE = 0.25, 0.1
 VELOCITY_SHARE, MOTION_SHARE, GRAVITY_SHARE, FEEDBACK_SHARE = 0.5, 0.5, 0.4, 0.4
 # The largest share of that answer that a load of the tests takes.
@@ -81,10 +83,18 @@ def plan_of(arm: Arm) -> Plan:
         tried = np.random.default_rng(0).uniform(low, high, (POSTURES, robot.n))
         loads = load(tried)
         best = int(np.argmin(loads.max(axis=1)))
-        if loads[best].max() > GRAVITY_SHARE:
-            text = f'cannot carry the arm: in the best of {POSTURES} postures gravity takes '
-            text += f'{{:.3g}} of its effort limit, expected {GRAVITY_SHARE:g} at most'
+        takes = f'in the best of {POSTURES} postures gravity takes {{:.3g}} of its effort limit'
+        if loads[best].max() > MOTION_SHARE:
+            text = (
+                f'cannot carry the arm: {takes}, expected {MOTION_SHARE:g} at most for the tests'
+            )
             raise _refusal(robot, loads[best], text)
+        if loads[best].max() > GRAVITY_SHARE:
+            text = (
+                f'is nearly too weak: {takes}; the tests are made for {GRAVITY_SHARE:g} at most '
+            )
+            text += 'and may fail'
+            warnings.warn(_about(robot, loads[best], text), pfd.PhysicsWarning, stacklevel=2)
         start, reason = tried[best], f'of {POSTURES} postures the one with least gravity torques'
     start, end = _rounded(start), _rounded(goal(start))
     duration, path = _timed(robot, scene, start, end)
@@ -109,11 +119,15 @@ def plan_of(arm: Arm) -> Plan:
 
 def _refusal(robot: pfd.Robot, shares: NDArray[Any], text: str) -> ValueError:
     """Return the error about the joint with the largest share."""
-    joint = cut(robot.joint_names[int(np.argmax(shares))])
     return ValueError(
-        f'joint {joint!r} {text.format(shares.max())}; correct its limits, friction or masses in '
-        'the model'
+        f'{_about(robot, shares, text)}; check limits, friction and masses in the model'
     )
+
+
+def _about(robot: pfd.Robot, shares: NDArray[Any], text: str) -> str:
+    """Return a text about the joint with the largest share."""
+    joint = cut(robot.joint_names[int(np.argmax(shares))])
+    return f'joint {joint!r} {text.format(shares.max())}'
 
 
 def _timed(

@@ -28,10 +28,21 @@ TEMPLATES = Path(__file__).with_name('templates')
 PACKAGE, GITHUB = 'package', 'github'
 # Settings in arm.yaml: where they are not the default, and always.
 DEFAULT, ALWAYS = Settings(), {'tip_link', 'step_size', 'initial_positions'}
-# Names as of REP 144, which Python can import beside what is there.
-NAME = re.compile(r'[a-z](?:_?[a-z0-9])+', re.ASCII)
-USED = {*keyword.kwlist, *sys.stdlib_module_names, 'pfd_core', 'pfd_ros', 'rclpy', 'sim_arm'}
-USED |= {'build', 'install', 'launch', 'log', 'resource', 'setup', 'test'}  # files beside it
+# Rules of REP 144 for names, by what breaks them; the first counts. Python imports it, too.
+RULES = {
+    r'[^a-z0-9_]': 'be of lower-case letters, digits and underscores',
+    r'^[^a-z]': 'start with a letter',
+    r'__|_$': 'have a letter or digit after each underscore',
+    r'^.?$': 'have two characters or more, as each name of a ROS package',
+}
+USED = dict.fromkeys(sys.stdlib_module_names, 'be no module of Python')
+USED |= dict.fromkeys(keyword.kwlist, 'be no keyword of Python')
+USED |= dict.fromkeys(['pfd_core', 'pfd_ros', 'rclpy'], 'be no installed Python module')
+USED['sim_arm'] = 'differ from the node of the arm'
+USED |= dict.fromkeys(
+    ['build', 'install', 'launch', 'log', 'resource', 'setup', 'test'],
+    'differ from the files and folders in the package',
+)
 # Hardware of ros2_control that talks over topics, and a joint of it: see the guide
 # docs/guides/alongside-a-controller.md.
 HARDWARE = """
@@ -60,11 +71,11 @@ class Marked(Template):
 def check_name(name: str) -> None:
     """Raise ValueError unless a text names a new package of ROS and Python in this folder."""
     others = [folder for folder in sys.path if Path(folder).resolve() != Path.cwd()]
-    if not NAME.fullmatch(name) or name in USED or PathFinder.find_spec(name, others):
-        raise ValueError(
-            'NAME must be lower-case letters, digits and single underscores, start with a letter '
-            f'and be no keyword, folder of the package or installed module, got {cut(name)!r}'
-        )
+    broken = next((rule for pattern, rule in RULES.items() if re.search(pattern, name)), '')
+    if not broken and (name in USED or PathFinder.find_spec(name, others)):
+        broken = USED.get(name, 'be no installed Python module')
+    if broken:
+        raise ValueError(f'NAME must {broken}, got {cut(name)!r}')
     if Path(name).exists():
         raise FileExistsError(f'{name} exists and is not overwritten; choose another NAME')
 

@@ -315,6 +315,14 @@ def test_bad_arguments_are_named(tmp_path, arguments: dict[str, Any], line: str)
 def test_logs_without_a_common_joint_or_topic_are_refused(tmp_path) -> None:
     with pytest.raises(ValueError, match=r"joints are \['shoulder', 'elbow'\] and \['x', 'y'\]"):
         pair(tmp_path, rows_of(sines), rows_of(sines, names=('x', 'y')))
+    # A command that both arms refused names a joint that one of them has.
+    logs = []
+    for robot in ('planar2', 'puma560'):
+        refused = {3: [named(('elbow', 'shoulder'), (1.0,))]}
+        simulate(tmp_path / f'{robot}.mcap', 10, refused, robot=robot)
+        logs.append(read_log(tmp_path / f'{robot}.mcap'))
+    with pytest.raises(ValueError, match=r"joints are \['shoulder', 'elbow'\] and \['joint1',"):
+        compare_logs(*logs)
     two = [*states(3, topic='/a'), *states(3, topic='/b')]
     with pytest.raises(ValueError, match=rf'no topic of {JOINT_STATE} in both, name one of each'):
         pair(tmp_path, two, states(3))

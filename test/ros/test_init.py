@@ -19,7 +19,7 @@ from logs import STRING as STRING_TYPE
 from logs import Row, joint_state, string, write_mcap
 from plugin_sessions import run
 import pytest
-from ros_processes import HAS_ROS, PATIENCE, ROOT
+from ros_processes import HAS_ROS, PATIENCE, ROOT, example_robot
 from test_launch import Recorded, nodes, recorder  # noqa: F401, a fixture
 import yaml
 
@@ -117,6 +117,26 @@ def test_a_fault_of_the_law_fails_tests_and_is_on_their_pages(
     pages = list((folder / 'pages').rglob('arm.html'))
     assert len(pages) == failed
     assert all('expected' in page.read_text(encoding='utf-8') for page in pages)
+
+
+def test_a_gripper_in_the_chain_is_a_note_whose_advice_works(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    z1 = str(example_robot('z1_description/urdf/z1.urdf'))
+    init('--urdf', z1)
+    advice = re.search("'jointGripper'.* --tip '(.*)' locks it", capsys.readouterr().out)
+    assert advice
+    found = parameters(init('--urdf', z1, '--tip', advice[1], name='again'))['sim_arm']
+    assert found['locked'] == ['jointGripper']
+    assert 'jointGripper' not in capsys.readouterr().out.partition(', locked')[0]
+
+
+def test_an_arm_that_gravity_nearly_overloads_is_taken_with_a_note(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    talos = str(example_robot('talos_data/robots/talos_left_arm.urdf'))
+    init('--urdf', talos, '--tip', 'gripper_left_base_link')
+    assert re.search("note: joint 'arm_left_2_joint' is nearly too weak", capsys.readouterr().out)
 
 
 def test_each_value_has_its_source_and_is_that_of_the_model(folder) -> None:
@@ -308,18 +328,22 @@ def test_the_launch_file_starts_arm_and_controller(
 @pytest.mark.parametrize(
     ('name', 'words', 'reason'),
     [
-        ('Mine', ['--urdf', 'arm.urdf'], "NAME must be .* got 'Mine'"),
-        ('my__arm', ['--urdf', 'arm.urdf'], 'NAME must be'),
-        ('json', ['--urdf', 'arm.urdf'], 'installed module'),
-        ('numpy', ['--urdf', 'arm.urdf'], 'installed module'),
-        ('test', ['--urdf', 'arm.urdf'], 'folder of the package'),
-        ('pfd_ros', ['--urdf', 'arm.urdf'], 'installed module'),
+        ('Mine', ['--urdf', 'arm.urdf'], "NAME must be of lower-case letters.* got 'Mine'"),
+        ('my-arm', ['--urdf', 'arm.urdf'], 'NAME must be of .* underscores, got'),
+        ('my__arm', ['--urdf', 'arm.urdf'], 'letter or digit after each underscore'),
+        ('q', ['--urdf', 'arm.urdf'], 'two characters or more'),
+        ('1st', ['--urdf', 'arm.urdf'], 'start with a letter'),
+        ('class', ['--urdf', 'arm.urdf'], 'no keyword'),
+        ('json', ['--urdf', 'arm.urdf'], 'no module of Python'),
+        ('numpy', ['--urdf', 'arm.urdf'], 'no installed Python module'),
+        ('test', ['--urdf', 'arm.urdf'], 'files and folders in the package'),
+        ('pfd_ros', ['--urdf', 'arm.urdf'], 'no installed Python module'),
         ('../mine', ['--urdf', 'arm.urdf'], 'NAME must be'),
         ('there', ['--urdf', 'arm.urdf'], 'there exists'),
         ('mine', [], 'no arm; name one'),
         ('mine', ['--robot', 'ur55'], "unknown robot 'ur55'"),
         ('mine', ['--urdf', 'arm.urdf', '--tip', 'nail'], "'nail'"),
-        ('mine', ['--urdf', 'weak.urdf'], "'elbow' cannot carry the arm: .* expected 0.4 at most"),
+        ('mine', ['--urdf', 'weak.urdf'], "'elbow' cannot carry the arm: .* expected 0.5 at most"),
         ('mine', ['--urdf', 'narrow.urdf'], "joint 'elbow' would reach its limits"),
         ('mine', ['--bag', 'run.mcap', '--robot', 'ur5'], 'has no states of .*--rename'),
         ('mine', ['--bag', 'run.mcap', '--tip', 'upper'], "that of run.mcap, 'lower'"),

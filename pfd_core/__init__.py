@@ -19,8 +19,9 @@ To change or add
     an effect of a joint    an Effect in model.effects.EFFECTS and a field of model.scene.Scene.
                             An effect on motors also needs its torque in dynamics.drives; dry
                             friction its law in simulation.dry: has_contact, Law.size, Law.bound,
-                            Law.rough. An effect that depends on the torque of the
-                            motor acts over a step, as load_friction there
+                            Law.rough. An effect that depends on the torque of the motor
+                            acts over a step, as load_friction: also in dry.Law.loaded, and
+                            model.plant._without_compensated_gravity
     rotor inertia           config/robots/*.yaml, read by model.yaml_files (_losses); of a URDF by
                             model.urdf (_armature); estimated by model.rotors; acts with
                             Scene(armature=...)
@@ -32,13 +33,12 @@ To change or add
                             linearised steps
     an adaptive integrator  its coefficients and a row of simulation.embedded_pairs.PAIRS
     what a kernel compiles  kernels.compile.compile_kernel -> kernels.spec.KernelSpec ->
-                            kernels.recipes.recipe_of, which records a program of dynamics ->
-                            kernels.lower.lower -> kernels.generate.kernel_functions ->
-                            kernels.native.compile_kept; called through kernels.kernel.Kernel,
-                            which compiles when it is made. A program is recorded and lowered
-                            only if its native code is not on disk (Recipe.compile)
+                            kernels.recipes.recipe_of -> kernels.kernel.Kernel, which compiles
+                            when it is made: Recipe.compile -> kernels.native.compile_kept ->
+                            kernels.cache.kept. Only without a file there a program of dynamics
+                            is recorded -> kernels.lower.lower -> kernels.generate
     sine and cosine         kernels.sines
-    threads of batches      kernels.threads: thread_count, block_size
+    threads of batches      kernels.threads: thread_count, block_size, run
 
 The names below are the public ones. Each is imported from its module at its first use.
 """

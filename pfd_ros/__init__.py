@@ -44,10 +44,10 @@ To change or add
                             unclaimed, which /diagnostics alone counts. arm.commands.array and
                             arm.trajectory: refused as not_finite
     a rejected command      refused in arm.commands; recorded, and published on ~/rejected, by
-                            arm.engine.Engine; counted for users in node.report.Report.count,
-                            which node.sim_arm hands to the inbox: log lines
-                            (node.report.report_arm), /diagnostics (node.diagnostics), the last
-                            line of a run (node.report.summary)
+                            arm.engine.Engine; counted for users in node.report.Report.count
+                            by node.stepping.Stepper: log lines (node.report.report_arm),
+                            /diagnostics (node.diagnostics), the last line of a run
+                            (node.report.summary)
     log lines, diagnostics  node.report, node.diagnostics
     metadata of recordings  recording.format.HeadKey and recording.format.EndKey; written by
                             recording.recorder.Recorder, from recording.provenance.versions and
@@ -55,7 +55,8 @@ To change or add
                             and recording.arrays.read_log (for page.page and recording.facts)
     what-if                 cli.logs._what_if -> replay.what_if.what_if: the changes by
                             replay.changed_settings.read_changes; the arm and the inputs by
-                            _of_recording and replay.inputs.recorded_inputs (of a bag in
+                            _of_recording, with replay.changed_settings.changed_arm, and
+                            replay.inputs.recorded_inputs (of a bag in
                             replay.bag_inputs); the run by _recorded_run, where
                             replay.inputs.run_inputs steps the engine (with a controller
                             testing.again) and recording.recorder.Recorder writes the new file;

@@ -30,6 +30,6 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
 
 URDF, xacro and MJCF are read by modules that `loading` imports at the first such file.
 
-A new effect of a joint is a record in `effects` and a field of Scene; all else follows from them.
-An effect of the motors has its torque in pfd_core.dynamics.drives as well.
+A new effect of a joint is a record in `effects` and a field of Scene; all else follows from them,
+but for effects of motors and dry friction (see the map of pfd_core).
 """

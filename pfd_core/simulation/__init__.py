@@ -28,5 +28,6 @@ Time: the motion of an arm, or of many arms at once, in native code.
 A new explicit integrator is a row of tableaux.TABLEAUX, for every scene and for linearised steps;
 INTEGRATORS are the names of the rows, and 'auto'. A new adaptive one is its coefficients and a row
 of embedded_pairs.PAIRS, a new law of feedback a class in `feedback` and its program there. A new
-law of dry friction is a line of dry.Law.size and dry.Law.bound.
+law of dry friction is a line of dry.Law.size and dry.Law.bound, and perhaps of has_contact, rough
+and loaded there.
 """

@@ -82,7 +82,7 @@ class Tableau:
 
     @property
     def slope(self) -> int | None:
-        """The stage whose K is, to the method's order, the acceleration at the end, if any."""
+        """The last stage if its time is the end: its K is close to the acceleration there."""
         return self.stages - 1 if self.c[-1] == 1 else None
 
 

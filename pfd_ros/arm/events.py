@@ -7,8 +7,8 @@ input comes to the engine, is checked and takes effect in the cycle that follows
 computed in a cycle, so a replay computes it again. An aside is neither: any thread may add one to
 a recording, and a replay passes over it.
 
-A new input is a row here and a rule in `engine.RULES`, a new output a row here and a writer in
-`outputs`.
+A new input is a row here and a rule in `engine.RULES`, a new output a row here and, unless it is a
+quantity of the model with an axis of n or 6, a writer in `outputs`.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ LABELS = (
 LOCKED_JOINTS, OVERWRITTEN, SOME_NAN = 'locked_joints', 'overwritten', 'some_nan'
 OUTSIDE_STOPS = 'outside_stops'
 ACCEPTED = Verdict('accepted')
-UNCLAIMED = Verdict('unclaimed', 'every number is NaN, and no joint was commanded before')
+UNCLAIMED = Verdict('unclaimed', 'every number is NaN, for joints without a command before')
 # A diagnostic about the machine: the motion, in simulated time, is the same without it.
 BUSY = 'periods missed (busy machine)'
 INACTIVE = Verdict('refused', 'the arm is inactive')

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recording of this package, read from front to back.
 
-Other files and older recordings are read by `bags` and `arrays`.
+Any log, of ours or not, is read as arrays by `arrays`, and other files by `bags`.
 """
 
 from __future__ import annotations

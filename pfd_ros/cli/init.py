@@ -8,7 +8,7 @@ import argparse
 from pathlib import Path
 import warnings
 
-from pfd_ros.cli.terminal import ANY_LOG, Command, add_rename, print_lines
+from pfd_ros.cli.terminal import ANY_LOG, Command, print_lines
 from pfd_ros.text import listed
 
 
@@ -19,7 +19,6 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
     arm.add_argument('--robot', metavar='R', help='the arm: a robot that `pfd robots` lists')
     log = f'the arm of a log; with --urdf or --robot only its rate and start: {ANY_LOG}'
     parser.add_argument('--bag', type=Path, metavar='LOG', help=log)
-    add_rename(parser)
     tip = 'last link of the arm, in a model with a gripper or two arms; joints beyond are locked'
     parser.add_argument('--tip', default='', metavar='LINK', help=tip)
     control = 'connect arm and controller through ros2_control, over topics'
@@ -38,7 +37,7 @@ def _run(given: argparse.Namespace) -> int:
         raise ValueError('no arm; name one with --urdf FILE, --robot NAME or --bag LOG')
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter('default')
-        arm = arm_of(source, given.bag, given.tip, dict(given.rename))
+        arm = arm_of(source, given.bag, given.tip)
         plan = plan_of(arm)
     write_package(given.name, arm, plan, given.ros2_control)
     locked = f', locked {listed(arm.settings.locked)}' if arm.settings.locked else ''

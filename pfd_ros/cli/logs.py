@@ -275,7 +275,6 @@ def _compare_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _compare(given: argparse.Namespace) -> int:
     """Compare two logs; status 1 if a difference is beyond the tolerance."""
-    from pfd_ros.arm.events import INPUTS
     from pfd_ros.messages.types import JOINT_STATE
     from pfd_ros.recording.arrays import read_log, renamed
     from pfd_ros.replay import compare
@@ -296,13 +295,10 @@ def _compare(given: argparse.Namespace) -> int:
         print_lines(compare.lines(found))
     _plot(found.curves, (given.a, given.b), given.plot)
     unread = [
-        f'{log.path}, {topic}: {log[topic].unreadable} of {len(log.received_ns[topic])} '
-        'messages cannot be read'
+        f'{log.path}, {topic}: {lost}'
         for log in logs
         for topic in log
-        # Those of a recording are inputs that the node refused.
-        if not log.obstacle(topic) and log[topic].unreadable
-        if log.roles.get(topic) not in INPUTS
+        if (lost := log.unread(topic))
     ]
     return status_of(given, unread) or int(not found.within)
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
-from pfd_ros.arm.events import ARRAY, INPUTS, NAMED, REJECTED, STATES, TRAJECTORY, TRUE_STATES
+from pfd_ros.arm.events import ARRAY, NAMED, REJECTED, STATES, TRAJECTORY, TRUE_STATES
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS, unit_of
 from pfd_ros.messages.types import JOINT_STATE
@@ -88,14 +88,10 @@ class Recorded:
 
     def _topic(self, topic: str) -> TopicArrays | None:
         """Return the messages of a topic, None without any; note what cannot be read."""
-        obstacle = self.log.obstacle(topic)
+        obstacle, lost = self.log.obstacle(topic), self.log.unread(topic)
         found = None if obstacle else self.log[topic]
-        # A malformed input is in the log as it came, and was rejected.
-        if found is not None and found.unreadable and self.log.roles.get(topic) not in INPUTS:
-            lost = f'{found.unreadable} of {len(found) + found.unreadable}'
-            obstacle = f'{lost} messages of {cut(topic)} cannot be read'
-        if obstacle:
-            self.unreadable[one_line(obstacle)] = None
+        if obstacle or lost:
+            self.unreadable[one_line(obstacle or f'{cut(topic)}: {lost}')] = None
         return found if found is not None and len(found) else None
 
     def of_role(self, role: str) -> TopicArrays | None:

@@ -111,6 +111,13 @@ class LogArrays:
         found = self.read.get(topic)
         return str(found) if isinstance(found, LogError) else ''
 
+    def unread(self, topic: str) -> str:
+        """Return how many messages of a topic cannot be read, but as inputs refused; or ''."""
+        lost = 0 if topic not in self or self.obstacle(topic) else self[topic].unreadable
+        if not lost or self.roles.get(topic) in INPUTS:
+            return ''
+        return f'{lost} of {len(self.received_ns[topic])} messages cannot be read'
+
     def messages(self, topic: str) -> list[bytes]:
         """Return the bytes of all messages of a topic, read again, malformed ones included."""
         first, last = self._span_ns

@@ -21,15 +21,8 @@ from typing import NamedTuple
 from mcap.records import Attachment, Channel, Footer, Message, Metadata, Schema
 import yaml
 
-from pfd_ros.recording.format import (
-    END,
-    HEAD,
-    QOS_KEY,
-    ROBOT,
-    SCHEMA_ENCODING,
-    LogError,
-    damage_named,
-)
+from pfd_ros.recording import format as keys
+from pfd_ros.recording.format import LogError, damage_named
 from pfd_ros.recording.mcap_records import EXPANSION, RECORD_BYTES, opened, records
 from pfd_ros.text import cut, listed
 
@@ -121,15 +114,15 @@ class Bag:
             elif isinstance(record, Channel):
                 channels[record.id] = record.topic
                 schema = schemas.get(record.schema_id)
-                text = schema.data if schema and schema.encoding == SCHEMA_ENCODING else b''
+                text = schema.data if schema and schema.encoding == keys.SCHEMA_ENCODING else b''
                 described = schema.name if schema else '', record.message_encoding
-                qos = record.metadata.get(QOS_KEY, '')
+                qos = record.metadata.get(keys.QOS_KEY, '')
                 self._add(BagTopic(record.topic, *described, text.decode('utf-8', 'replace'), qos))
-            elif isinstance(record, Metadata) and record.name == HEAD:
+            elif isinstance(record, Metadata) and record.name == keys.HEAD:
                 self.head = self.head or record.metadata
-            elif isinstance(record, Metadata) and record.name == END:
+            elif isinstance(record, Metadata) and record.name == keys.END:
                 self.end = record.metadata
-            elif isinstance(record, Attachment) and record.name == ROBOT:
+            elif isinstance(record, Attachment) and record.name == keys.ROBOT:
                 self.robot = record.data
             elif isinstance(record, Footer):
                 self.complete = True
@@ -147,7 +140,7 @@ class Bag:
             if 'message_definitions' in tables:
                 rows = database.execute(
                     'SELECT topic_type, encoded_message_definition FROM message_definitions '
-                    f"WHERE encoding = '{SCHEMA_ENCODING}'"
+                    f"WHERE encoding = '{keys.SCHEMA_ENCODING}'"
                 )
                 texts = dict(rows.fetchmany(TOPICS))
             columns = {row[1] for row in database.execute('PRAGMA table_info(topics)')}

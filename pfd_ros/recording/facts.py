@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from pfd_ros.arm.events import INPUTS
 from pfd_ros.arm.settings import FIELDS, PER_JOINT
 from pfd_ros.messages.types import JOINT_STATE
 from pfd_ros.recording.arrays import COUNT, LogArrays, read_log
@@ -62,21 +61,19 @@ def facts(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def _topic(log: LogArrays, name: str) -> dict[str, Any]:
-    topic, received, obstacle, unreadable = log.bag.topics[name], log.received_ns[name], '', ''
-    trains = [received]
-    try:
-        if name in log:
-            states = log[name]
-            trains = [states.log_ns[states.rows(joint)] for joint in states.names] or trains
+    topic, received, obstacle = log.bag.topics[name], log.received_ns[name], log.obstacle(name)
+    trains, unreadable = [received], log.unread(name)
+    if name in log and not obstacle:
+        states = log[name]
+        trains = [states.log_ns[states.rows(joint)] for joint in states.names] or trains
+        if states.unreadable and not unreadable:
             lost = f'{states.unreadable} of {len(received)} messages'
-            if states.unreadable and log.roles.get(name) in INPUTS:
-                obstacle = f'{lost}, which the node refused'
-            elif states.unreadable:
-                unreadable = f'{lost} cannot be read'
-        elif len(received):
+            obstacle = f'{lost}, which the node refused'
+    elif name not in log and len(received):
+        try:
             decoder_of(topic)
-    except ValueError as error:
-        obstacle = str(error)
+        except ValueError as error:
+            obstacle = str(error)
     intervals = [np.diff(train) for train in trains if len(train) > 1]
     return {
         'type': topic.type,

@@ -17,16 +17,9 @@ import pfd_core as pfd
 from pfd_ros.arm.events import ASIDES, DESCRIPTION, ROLES, Message
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.text_and_arrays import decode_string
+from pfd_ros.recording import format as names
 from pfd_ros.recording.bags import Bag
-from pfd_ros.recording.format import (
-    ROBOT,
-    SEQUENCE_MASK,
-    HeadKey,
-    LogError,
-    OtherLogError,
-    check_format,
-    damage_named,
-)
+from pfd_ros.recording.format import HeadKey, LogError, OtherLogError, damage_named
 
 # Far more than a hundred joints need; YAML takes seconds a megabyte.
 ROBOT_BYTES = 1 << 20
@@ -52,7 +45,7 @@ class Log:
             raise OtherLogError(f'{path} is a folder, expected the file of a recording')
         bag = Bag(self.path)
         next(bag.messages(), None)
-        check_format(self.path, bag.head or None)
+        names.check_format(self.path, bag.head or None)
         if not bag.robot:
             raise LogError(f'{path} is a recording without its robot: it ends in its head')
         with damage_named(self.path):
@@ -79,7 +72,7 @@ class Log:
                 yield Message(role, data), log_ns, publish_ns
             elif role is not None:
                 # 32 bits of the cycle, which never decreases.
-                last += (number - last) & SEQUENCE_MASK
+                last += (number - last) & names.SEQUENCE_MASK
                 yield Message(role, data, last), log_ns, publish_ns
         with damage_named(self.path):
             self.end = {key: json.loads(text) for key, text in bag.end.items()}
@@ -91,5 +84,5 @@ def robot_of(data: bytes) -> pfd.Robot:
     text = data.decode()
     # A single line would be the name of a file, and `<` begins URDF.
     if '\n' not in text or text.lstrip().startswith('<') or len(data) > ROBOT_BYTES:
-        raise ValueError(f'{ROBOT} of {len(data)} bytes is no robot of at most {ROBOT_BYTES}')
+        raise ValueError(f'{names.ROBOT} of {len(data)} bytes is no robot, or above {ROBOT_BYTES}')
     return pfd.load_robot(text)

@@ -57,14 +57,8 @@ class Recorder:
 
     `topics` has the full name of the topic of each role that is recorded. If the recording fails,
     `report` is called once, on any thread, with one line, which is `error` from then on.
-    `recorded` counts the written messages by role.
-
-    Raises
-    ------
-    OSError
-        If the file exists or cannot be written.
-    ValueError
-        If two roles have one topic, or the name is not valid for a file.
+    `recorded` counts the written messages by role. OSError if the file exists or cannot be
+    written; ValueError if two roles have one topic, or the name is not valid for a file.
     """
 
     def __init__(

@@ -20,33 +20,17 @@ from pathlib import Path
 import struct
 from typing import BinaryIO
 
+from mcap import records
 from mcap.exceptions import EndOfFile, RecordLengthLimitExceeded
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import (
-    Attachment,
-    Channel,
-    Chunk,
-    ChunkIndex,
-    McapRecord,
-    Message,
-    Metadata,
-    Schema,
-)
 from mcap.stream_reader import CRCValidationError
 from mcap.writer import Writer
 
 from pfd_ros.files import new_file
+from pfd_ros.recording import mcap_records
 from pfd_ros.recording.format import LogError, add_metadata, damage_named
-from pfd_ros.recording.mcap_records import (
-    MAGIC,
-    RECORD_BYTES,
-    Reader,
-    foreign,
-    opened,
-    records_of,
-    unpacked,
-)
+from pfd_ros.recording.mcap_records import Reader, opened, records_of, unpacked
 
 # Lost parts that are named: a damaged file may have any number.
 NAMED = 20
@@ -77,18 +61,19 @@ def recover(source: Path, target: Path) -> Recovered:
     """
     with damage_named(source), opened(source) as stream:
         begin = stream.read(64)
-        if not begin.startswith(MAGIC):
-            raise LogError(f'{source} {foreign(begin)}')
+        if not begin.startswith(mcap_records.MAGIC):
+            raise LogError(f'{source} {mcap_records.foreign(begin)}')
         with new_file(target) as written:
             return _copy(stream, written)
 
 
 def _copy(stream: BinaryIO, written: BinaryIO) -> Recovered:
     """Copy the readable records."""
-    profile, channels, schemas, chunks = '', dict[int, Channel](), dict[int, Schema](), list[int]()
+    channels, schemas = dict[int, records.Channel](), dict[int, records.Schema]()
+    profile, chunks = '', list[int]()
     with suppress(Exception):  # damage has as many exceptions as parsers
         stream.seek(0)
-        reader = SeekingReader(stream, record_size_limit=RECORD_BYTES)
+        reader = SeekingReader(stream, record_size_limit=mcap_records.RECORD_BYTES)
         profile = reader.get_header().profile
         if (summary := reader.get_summary()) is not None:
             # Records of the file take the place of these.
@@ -118,18 +103,18 @@ def _copy(stream: BinaryIO, written: BinaryIO) -> Recovered:
         return new_channels.get(number)
 
     for record in _readable(stream, chunks, found.lose):
-        if isinstance(record, Schema):
+        if isinstance(record, records.Schema):
             schemas[record.id] = record
-        elif isinstance(record, Channel):
+        elif isinstance(record, records.Channel):
             channels[record.id] = record
             channel_of(record.id)
-        elif isinstance(record, Metadata):
+        elif isinstance(record, records.Metadata):
             add_metadata(writer, record.name, record.metadata)
-        elif isinstance(record, Attachment):
+        elif isinstance(record, records.Attachment):
             writer.flush()
             times = record.create_time, record.log_time
             writer.add_attachment(*times, record.name, record.media_type, record.data)
-        elif isinstance(record, Message):
+        elif isinstance(record, records.Message):
             new = channel_of(record.channel_id)
             if new is None:
                 orphans[record.channel_id] += 1
@@ -148,7 +133,7 @@ def _copy(stream: BinaryIO, written: BinaryIO) -> Recovered:
     return found
 
 
-def _places(stream: BinaryIO, indexes: list[ChunkIndex]) -> list[int]:
+def _places(stream: BinaryIO, indexes: list[records.ChunkIndex]) -> list[int]:
     """Return the places of the chunks that an index is right about, increasing."""
     places, size = set[int](), os.fstat(stream.fileno()).st_size
     for index in indexes:
@@ -163,7 +148,7 @@ def _places(stream: BinaryIO, indexes: list[ChunkIndex]) -> list[int]:
 
 def _readable(
     stream: BinaryIO, chunks: list[int], lose: Callable[[str], None]
-) -> Iterator[McapRecord]:
+) -> Iterator[records.McapRecord]:
     """Yield the records that can be read, and note the parts that cannot.
 
     `chunks` are the places of the chunks by the index, increasing; none without an index.
@@ -173,10 +158,10 @@ def _readable(
         reader = Reader(stream, at, chunks)
         try:
             for found in reader.records:
-                if not isinstance(found, Chunk):
+                if not isinstance(found, records.Chunk):
                     yield found
                     continue
-                if found.uncompressed_size > RECORD_BYTES:
+                if found.uncompressed_size > mcap_records.RECORD_BYTES:
                     raise ValueError(f'a chunk holds {found.uncompressed_size} bytes')
                 # As a whole, or its checksum means nothing.
                 yield from list(records_of(unpacked(found)))

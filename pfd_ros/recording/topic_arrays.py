@@ -171,15 +171,11 @@ class TopicReader:
         self._places: list[NDArray[np.int64]] = []
         self._groups: list[NDArray[np.int16]] = []
         self._lists: dict[tuple[str, ...], int] = {}
-        self._received: NDArray[np.int64] | None = None
 
     def received_ns(self) -> NDArray[np.int64]:
         """Return the log times of all messages in order, known after `arrays` [ns]."""
-        return (
-            np.sort(np.frombuffer(self._times, np.int64))
-            if self._received is None
-            else self._received
-        )
+        times = np.frombuffer(self._times, np.int64)
+        return np.sort(times) if (np.diff(times) < 0).any() else times  # which takes no memory
 
     def add(self, message: BagMessage) -> None:
         """Take a message of the window."""
@@ -256,8 +252,6 @@ class TopicReader:
             steps = np.diff(numbers, prepend=numbers[:1]) & SEQUENCE_MASK
             cycle = (numbers[:1] + np.cumsum(steps))[chosen] if total else numbers
             simulated_ns = (log_ns if simulated else publish_ns)[chosen]
-        if isinstance(chosen, slice):
-            self._received = log_ns
         return TopicArrays(
             found,
             self._topic.type,

@@ -15,8 +15,7 @@ Any log, published by the node `log_player`:
 
 Two logs, of simulated or real arms:
 
-    lag             the lag between their clocks
-    compare         differences by joint
+    compare         the lag between their clocks, and differences by joint
     plots           their picture
 
 Inputs of a recording, or of any bag, for an arm with something changed:

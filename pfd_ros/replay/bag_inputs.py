@@ -36,17 +36,10 @@ USUAL_STATES = '/joint_states'
 class BagInputs:
     """The commands of a bag, for an arm that starts at its first complete state.
 
-    Parameters
-    ----------
-    log
-        The bag.
-    commands
-        Topic of JointStates with efforts, or of Float64MultiArrays in published order.
-    states
-        Topic of JointStates; '' is the topic of the commands if it has positions, else
-        /joint_states, or the only topic with positions.
-    rename
-        New beginning of joint names, by old beginning.
+    `commands` is a topic of JointStates with efforts, or of Float64MultiArrays in published order;
+    `states` one of JointStates, '' the topic of the commands if it has positions, else
+    /joint_states, or the only topic with positions. `rename` has the new beginning of joint names
+    by the old one.
 
     `topic` is the topic of the states, `states` has its messages with renamed joints, `times_ns`
     their times, (N,): those of `times`, 'stamps' if both topics have them, else 'log times'.
@@ -73,17 +66,12 @@ class BagInputs:
         known = [t for t in log if log.topics[t] == JOINT_STATE and not log.obstacle(t)]
         known = sorted(t for t in known if np.isfinite(log[t].position).any())
         usual = [name for name in (commands, USUAL_STATES) if name in known]
-        if states and states not in known:
-            raise LogError(
-                f'{log.path}: topic {cut(states)!r} has no {JOINT_STATE} with positions; topics '
-                f'with positions are {listed(known)}'
-            )
-        if not states and len(known) != 1 and not usual:
-            raise LogError(
-                f'{log.path}: name the topic of the recorded states with --states; topics with '
-                f'positions are {listed(known)}'
-            )
-        self.topic = states or (usual or known)[0]
+        self.topic = states or (usual[0] if usual else known[0] if len(known) == 1 else '')
+        if self.topic not in known:
+            why = 'name the topic of the recorded states with --states'
+            if states:
+                why = f'topic {cut(states)!r} has no {JOINT_STATE} with positions'
+            raise LogError(f'{log.path}: {why}; topics with positions are {listed(known)}')
         self.states = self._log[self.topic]
         stamped = self.states.stamped and self._log[commands].stamped
         self.times = 'stamps' if stamped else 'log times'

@@ -38,7 +38,6 @@ from pfd_ros.text import cut, did_you_mean, listed
 
 # Settings that only a robot read from a file or a name has.
 MODEL = ('base_link', 'tip_link', 'locked', 'locked_positions', 'ros2_control', 'xacro_args')
-_PER_JOINT = tuple(row.field for row in PER_JOINT)
 # Settings whose values need no quotes.
 TEXTS = {row.name for row in FIELDS if row.type in ('str', 'tuple[str, ...]')}
 # Settings of a new run that follow from its purpose.
@@ -108,16 +107,15 @@ def read_changes(words: Sequence[str]) -> Changes:
 
 
 def _json_or_text(key: str, text: str) -> Any:
-    try:
+    with suppress(ValueError, RecursionError):
         return json.loads(text)
-    except (ValueError, RecursionError):
-        known = any(f'{key}.'.startswith(f'{row.name}.') for row in FIELDS)
-        if known and key not in TEXTS and text[:1] in tuple('[{+-.0123456789'):
-            raise ValueError(
-                f'{cut(key)} is {cut(repr(text))}, expected JSON such as 0.5, [0.5, 1.0] or '
-                '{"elbow": 0.5}'
-            ) from None
-        return text
+    known = any(f'{key}.'.startswith(f'{row.name}.') for row in FIELDS)
+    if known and key not in TEXTS and text[:1] in tuple('[{+-.0123456789'):
+        raise ValueError(
+            f'{cut(key)} is {cut(repr(text))}, expected JSON such as 0.5, [0.5, 1.0] or '
+            '{"elbow": 0.5}'
+        )
+    return text
 
 
 def changed_arm(log: Log, changes: Changes) -> ChangedArm:
@@ -163,7 +161,7 @@ def described_arm(changes: Changes) -> ChangedArm:
 def _other_robot(log: Log, settings: Settings, values: Mapping[str, Any]) -> ChangedArm:
     """Return settings without numbers of each joint, another robot, and its URDF."""
     default, names = Settings(), published_names(log)
-    anew = [*MODEL, *_PER_JOINT, 'joints', 'initial_positions']
+    anew = [*MODEL, *(row.field for row in PER_JOINT), 'joints', 'initial_positions']
     fresh = {name: getattr(default, name) for name in anew}
     given = {name: values[name] for name in ('robot', *MODEL) if name in values}
     bare = replace(settings, **(fresh | given))

@@ -132,12 +132,11 @@ class Fed:
         """Yield the inputs of a cycle, each with the rule that it broke before."""
         left = [(each, '') for each in commands or ()]
         # An arm that waits takes the next input at once.
-        while (message := self._next.message) is not None and (
-            self._next.cycle <= cycle or self._engine.waiting
-        ):
-            broke = self._next.broke
+        while message := self._next.message:
+            if self._next.cycle > cycle and not self._engine.waiting:
+                break
             if commands is None or message.role not in events.COMMANDS:
-                yield message, broke
+                yield message, self._next.broke
             else:
                 yield from left
                 left = []

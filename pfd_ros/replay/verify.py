@@ -49,16 +49,9 @@ def verify(path: Path | str) -> Verified:
     """Simulate a recording again and compare every output, byte for byte.
 
     A recording that was cut off is compared up to the cut. Of a refused input the rule that it
-    broke is compared, not the explanation: it contains words of libraries.
-
-    Raises
-    ------
-    DifferenceError
-        At the first output that differs; the text names cycle, field, joint and both values.
-    LogError
-        If the file is no recording of this edition, or is damaged.
-    OSError
-        If it cannot be read.
+    broke is compared, not the explanation: it contains words of libraries. DifferenceError at the
+    first output that differs, whose text names cycle, field, joint and both values; LogError if
+    the file is no recording of this edition, or is damaged; OSError if it cannot be read.
     """
     log = Log(path)
     with damage_named(log.path):

@@ -40,25 +40,20 @@ from pfd_ros.recording.topic_arrays import TopicArrays
 from pfd_ros.replay.bag_inputs import BagInputs
 from pfd_ros.replay.changed_settings import Changes, changed_arm, described_arm, read_changes
 from pfd_ros.replay.compare import Curves, Difference, aligned, difference, track
-from pfd_ros.replay.inputs import (
-    Input,
-    Put,
-    Run,
-    nudged,
-    one_bit,
-    recorded_inputs,
-    run_inputs,
-)
+from pfd_ros.replay.inputs import Input, Put, Run, nudged, one_bit, recorded_inputs, run_inputs
 from pfd_ros.text import listed
 
+# Settings of an arm that waits for nobody, recorded in simulated time.
+UNTIED: dict[str, Any] = {'lockstep': False, 'wait_for_controller': False, 'recording': ''}
+UNTIED['recording_time'] = SIMULATED
 # A run has diverged beyond these: positions [rad or m], velocities [rad/s or m/s], efforts [N m
 # or N].
 THRESHOLDS = (1e-3, 1e-2, 1e-1)
 
 
-@dataclass(frozen=True)
-class WhatIf:
-    """The result of a run with something changed; times in s after the start."""
+@dataclass(kw_only=True)
+class WhatIf(Run):
+    """What a changed arm did, compared with the log; times in s after the start."""
 
     source: Path
     # The log of the new run; the changes as given.
@@ -79,15 +74,8 @@ class WhatIf:
     # Joints.
     only_in_log: tuple[str, ...]
     only_in_arm: tuple[str, ...]
-    # Why the simulation, or with `error` its controller, stopped, and when.
-    failure: str
+    # When the simulation, or with `error` its controller, stopped.
     failed_at: float | None
-    error: Exception | None = field(repr=False, compare=False)
-    # Where the commands came from.
-    loop: str
-    # Inputs with another result than in the recording, and rejected commands of a bag, by result.
-    rejected: Mapping[str, int]
-    first_rejected: str
     # Changed settings that inputs of the log change later, to the recorded values.
     replaced: tuple[str, ...]
     states_topic: str
@@ -101,15 +89,11 @@ class WhatIf:
 
 
 class _States(NamedTuple):
-    """States with their times since the start, (N,), ns."""
+    """States with their times since the start, (N,), s."""
 
     topic: str
     found: TopicArrays
-    times_ns: NDArray[np.int64]
-
-    @property
-    def time(self) -> NDArray[np.float64]:
-        return self.times_ns / NANOSECONDS
+    time: NDArray[np.float64]
 
 
 class Case(NamedTuple):
@@ -148,24 +132,12 @@ def what_if(
 ) -> WhatIf:
     """Simulate the inputs of a log with a changed arm, and compare the motions.
 
-    Parameters
-    ----------
-    path
-        A recording of the node; with `commands` any bag.
-    changes
-        KEY=VALUE, parameters of the node; without any the run is repeated.
-    commands, states, rename
-        Of a bag, as BagInputs takes them.
-    out
-        The log of the new run, by default NAME_what_if.mcap in the current folder.
-    thresholds
-        Of positions, velocities and efforts.
-    rounding
-        Whether to do the rounding run.
-    progress
-        Called with the finished share, 0 to 1.
-    drive
-        Runs the changed arm with a controller, see pfd_ros.testing.again.
+    `path` is a recording of the node, or with `commands` any bag, for which `states` and `rename`
+    are as BagInputs takes them. `changes` are KEY=VALUE, parameters of the node; without any the
+    run is repeated. `out` is the log of the new run, by default NAME_what_if.mcap in the current
+    folder, `thresholds` are of positions, velocities and efforts, and `rounding` asks for the
+    rounding run. `progress` is called with the finished share, 0 to 1. `drive` runs the changed
+    arm with a controller, see pfd_ros.testing.again.
 
     ValueError if a setting is invalid, or the log (LogError) is damaged, no recording of this
     edition, or has no joint of the arm; no log is written then. If the new run has nothing to
@@ -173,7 +145,7 @@ def what_if(
     written.
     """
     path = Path(path)
-    if len(thresholds) != len(JOINT_FIELDS) or not all(0 <= x < np.inf for x in thresholds):
+    if len(thresholds) != 3 or not all(0 <= x < np.inf for x in thresholds):
         raise ValueError(f'thresholds must be 3 numbers, 0 or more, got {list(thresholds)}')
     read = read_changes(changes)
     if commands:
@@ -207,13 +179,16 @@ def what_if(
         curves = {} if silent else _curves(case.old, new, until)
         alone = _curves(new, _rounded_states(case, engine, drive), until) if rounding else {}
     own = {*engine.names, *engine.locked}
+    first, last = engine.state.first, engine.state.settings
+    given = [row for row in FIELDS if row.field in {*read.values, *read.of_joints}]
     return WhatIf(
+        **vars(run),
         source=path,
         log=target,
         changes=tuple(changes),
         also=case.also,
         robot=case.robot.name,
-        settings=engine.state.first,
+        settings=first,
         seconds=(engine.stamp_ns - engine.state.origin_ns) / NANOSECONDS,
         states=len(old),
         thresholds=tuple(limits.values()),
@@ -221,28 +196,15 @@ def what_if(
         rounding=tuple(difference(at, curve, limits[at[1]]) for at, curve in alone.items()),
         only_in_log=tuple(name for name in old.names if name not in own),
         only_in_arm=tuple(name for name in engine.names if name not in old.names),
-        failure=run.failure,
         failed_at=failed_at,
-        error=run.error,
-        loop=run.loop,
-        rejected=dict(run.rejected),
-        first_rejected=run.first_rejected,
-        replaced=_replaced(engine, read),
+        replaced=tuple(
+            row.name for row in given if getattr(first, row.field) != getattr(last, row.field)
+        ),
         states_topic=case.old.topic,
         times=case.bag.times if case.bag else '',
         complete=case.complete,
         problems=case.problems,
         curves=curves,
-    )
-
-
-def _replaced(engine: Engine, changes: Changes) -> tuple[str, ...]:
-    state = engine.state
-    given = [row for row in FIELDS if row.field in {*changes.values, *changes.of_joints}]
-    return tuple(
-        row.name
-        for row in given
-        if getattr(state.first, row.field) != getattr(state.settings, row.field)
     )
 
 
@@ -254,31 +216,23 @@ def _curves(one: _States, two: _States, until: float) -> Curves:
     """
     found: Curves = {}
     names = [name for name in one.found.names if name in two.found.names]
-    tracks = {
-        name: (track(one.found, name, one.time), track(two.found, name, two.time))
-        for name in names
-    }
+    both = [[track(x.found, name, x.time) for x in (one, two)] for name in names]
     for item in JOINT_FIELDS:
-        for name, (left, right) in tracks.items():
-            (times, *values), _ = aligned(left, right, item)
+        for name, (left, right) in zip(names, both, strict=True):
+            (times, x, y), _ = aligned(left, right, item)
             inside = (right.time >= left.time[0]) & (right.time <= left.time[-1])
             rarer = inside.any() and np.isin(right.time[inside], left.time).all()
             chosen = np.isin(times, right.time if rarer else left.time) & (times <= until)
             if chosen.any():
-                x, y = (value[chosen] for value in values)
-                found[one.topic, item, name] = times[chosen], x, y
+                found[one.topic, item, name] = times[chosen], x[chosen], y[chosen]
     return found
 
 
 def _new_states(case: Case, path: Path) -> _States:
     topic = topic_names([STATES], case.topics)[STATES]
     found = read_log(path, topics=[topic])[topic]
-    return _States(topic, found, _stamps_ns(found) - case.start_ns)
-
-
-def _stamps_ns(states: TopicArrays) -> NDArray[np.int64]:
-    assert states.stamp_ns is not None
-    return states.stamp_ns
+    assert found.stamp_ns is not None
+    return _States(topic, found, (found.stamp_ns - case.start_ns) / NANOSECONDS)
 
 
 def _rounded_states(case: Case, engine: Engine, drive: Drive | None) -> _States:
@@ -294,12 +248,6 @@ def _rounded_states(case: Case, engine: Engine, drive: Drive | None) -> _States:
         return _new_states(case, target)
 
 
-def _untied(settings: Settings) -> Settings:
-    """Return settings of an arm that waits for nobody, recorded in simulated time."""
-    free = replace(settings, lockstep=False, wait_for_controller=False)
-    return replace(free, recording='', recording_time=SIMULATED)
-
-
 def _of_recording(path: Path, changes: Changes) -> Case:
     try:
         log = Log(path)
@@ -310,31 +258,27 @@ def _of_recording(path: Path, changes: Changes) -> Case:
     settings, robot, urdf = changed_arm(log, changes)
     topic = log.topics[STATES]
     arrays = read_log(path, topics=[topic], unreadable='count')
-    stamps = _stamps_ns(arrays[topic])
+    stamps = arrays[topic].stamp_ns
+    assert stamps is not None
     begins = log.settings.start_ns, settings.start_ns
     if settings.follows_clock and len(stamps):
         # The ticks say the time of both.
         begins = int(stamps[0]), int(stamps[0])
     return Case(
         lambda engine: recorded_inputs(log, engine),
-        _States(topic, arrays[topic], stamps - begins[0]),
-        _untied(settings),
+        _States(topic, arrays[topic], (stamps - begins[0]) / NANOSECONDS),
+        replace(settings, **UNTIED),
         robot,
         urdf if 'robot' in changes.values else log.description,
         begins[1],
         arrays.complete,
-        _unreadable(arrays, topic),
+        _unread(arrays, [topic]),
         log.topics,
-        also=_also(log.settings, changes),
-    )
-
-
-def _also(settings: Settings, changes: Changes) -> tuple[str, ...]:
-    values = with_convention(settings, changes.values)
-    return tuple(
-        f'{name}={value}'
-        for name, value in values.items()
-        if name not in changes.values and value != getattr(settings, name)
+        also=tuple(
+            f'{name}={value}'
+            for name, value in with_convention(log.settings, changes.values).items()
+            if name not in changes.values and value != getattr(log.settings, name)
+        ),
     )
 
 
@@ -345,18 +289,15 @@ def _of_bag(
     log = read_log(path, types=(JOINT_STATE, FLOAT_ARRAY), unreadable='count')
     bag = BagInputs(log, commands, states, rename)
     given = 'start_time' in changes.values
-    settings = bag.settled(_untied(settings), robot.joint_names, given=given)
+    settings = bag.settled(replace(settings, **UNTIED), robot.joint_names, given=given)
     start_ns = settings.start_ns + settings.step_ns
-    old = _States(bag.topic, bag.states, bag.times_ns - bag.start_ns)
-    problems = _unreadable(log, *dict.fromkeys((bag.topic, commands)))
+    old = _States(bag.topic, bag.states, (bag.times_ns - bag.start_ns) / NANOSECONDS)
+    problems = _unread(log, dict.fromkeys((bag.topic, commands)))
     return Case(bag.inputs, old, settings, robot, urdf, start_ns, log.complete, problems, {}, bag)
 
 
-def _unreadable(log: LogArrays, *topics: str) -> list[str]:
-    counts = {topic: log[topic].unreadable for topic in topics}
-    return [
-        f'{count} messages of {topic} cannot be read' for topic, count in counts.items() if count
-    ]
+def _unread(log: LogArrays, topics: Iterable[str]) -> list[str]:
+    return [f'{topic}: {lost}' for topic in topics if (lost := log.unread(topic))]
 
 
 def _engine(case: Case, settings: Settings) -> Engine:
@@ -377,7 +318,7 @@ def _recorded_run(
     """Run an arm under the inputs of the log, and record it; without a result no file is left."""
     topics = topic_names(engine.roles, case.topics)
     recorder = Recorder(target, engine, topics, lambda line: None)
-    first, whole = engine.stamp_ns, max(1.0, float(np.ptp(case.old.times_ns)))
+    first, whole = engine.stamp_ns, max(1.0, NANOSECONDS * float(np.ptp(case.old.time)))
 
     def put(messages: Sequence[Message], stamp_ns: int) -> None:
         recorder.put_slowly(messages, stamp_ns)
@@ -406,7 +347,7 @@ def _recorded_run(
 
 def as_json(found: WhatIf) -> dict[str, Any]:
     """Return a result without settings and curves, ready for JSON."""
-    left_out = {'settings', 'curves', 'error'}
+    left_out = {'settings', 'curves', 'error', 'accepted', 'failed_ns'}
     values = {f.name: getattr(found, f.name) for f in fields(found) if f.name not in left_out}
     return values | {
         'source': str(found.source),

@@ -18,7 +18,7 @@ from pfd_ros.arm.description import DescribedRobot, described_robot, parsed_urdf
 from pfd_ros.arm.plant import scene_of
 from pfd_ros.arm.settings import FIELDS, Settings, joint_order
 from pfd_ros.messages.types import JOINT_STATE, STRING
-from pfd_ros.recording.arrays import COUNT, LogArrays, read_log, renamed
+from pfd_ros.recording.arrays import COUNT, LogArrays, read_log
 from pfd_ros.recording.log import Log
 from pfd_ros.text import cut, listed
 
@@ -50,15 +50,15 @@ class Arm(NamedTuple):
     settings: Settings
     numbers: Mapping[str, NDArray[Any]]
     sources: Mapping[str, Any]
-    notes: tuple[str, ...]
+    notes: list[str]
 
 
-def arm_of(source: str | None, log: Path | None, tip: str, rename: Mapping[str, str]) -> Arm:
+def arm_of(source: str | None, log: Path | None, tip: str) -> Arm:
     """Return the arm of a robot's name or file, or of a log, with a chosen tip or ''.
 
     A recording of the node has the arm with its settings; in any other log the arm is the URDF on
-    a topic robot_description. With a source, a log gives rate and start alone, its joints renamed.
-    ValueError if there is no arm, or it cannot be loaded.
+    a topic robot_description. With a source, a log gives rate and start alone. ValueError if there
+    is no arm, or it cannot be loaded.
     """
     arrays = None if log is None else read_log(log, unreadable=COUNT, types=[JOINT_STATE, STRING])
     recorded, settings, name = None, Settings(tip_link=tip), '' if log is None else log.name
@@ -96,9 +96,9 @@ def arm_of(source: str | None, log: Path | None, tip: str, rename: Mapping[str, 
     if recorded is not None:
         numbers, start, effects, left = _recorded(recorded.settings, robot)
         changed |= effects
-        notes += (
+        notes.append(
             f'of the settings of {name}, which pfd info prints, these are taken: '
-            f'{", ".join(TAKEN)}; these are not the default and not taken: {", ".join(left)}',
+            f'{", ".join(TAKEN)}; these are not the default and not taken: {", ".join(left)}'
         )
     else:
         stated = any(line.startswith('initial_positions') for line in found.taken)
@@ -113,8 +113,7 @@ def arm_of(source: str | None, log: Path | None, tip: str, rename: Mapping[str, 
         limits = np.isfinite([robot.position_lower, robot.position_upper])
         changed['joint_limits'] = bool(limits.any())
         if arrays is not None:
-            log_of_arm = renamed(arrays, rename)
-            changed['publish_rate'], start, topic = _motion(log_of_arm, robot, settings)
+            changed['publish_rate'], start, topic = _motion(arrays, robot, settings)
             sources['publish_rate'] = f'Hz, the median of {cut(topic)} in {name}'
     if tip:
         sources['tip_link'] = '--tip'
@@ -124,16 +123,16 @@ def arm_of(source: str | None, log: Path | None, tip: str, rename: Mapping[str, 
     return Arm(robot, text, replace(settings, **changed), numbers, sources, notes)
 
 
-def _chain(settings: Settings, urdf: pfd.Urdf) -> tuple[DescribedRobot, tuple[str, ...]]:
+def _chain(settings: Settings, urdf: pfd.Urdf) -> tuple[DescribedRobot, list[str]]:
     """Return the chain of a URDF; of a tree without a chosen tip, the chain its error names."""
     try:
-        return described_robot(settings, urdf), ()
+        return described_robot(settings, urdf), []
     except ValueError as error:
         tree = error.__cause__
         if not isinstance(tree, pfd.TreeError):
             raise
         line = f'the model is a tree; its tip is {tree.tip!r} here, --tip LINK chooses another'
-        return described_robot(replace(settings, tip_link=tree.tip), urdf), (line,)
+        return described_robot(replace(settings, tip_link=tree.tip), urdf), [line]
 
 
 def _gripper(last: Any) -> tuple[str, ...]:
@@ -220,6 +219,5 @@ def _motion(
         found += first
     raise ValueError(
         f'{log.path} has no states of {listed(joints)} with positions, but of '
-        f'{listed(list(dict.fromkeys(found)))}; --rename OLD=NEW replaces the beginning of their '
-        'names'
+        f'{listed([*dict.fromkeys(found)])}: leave out --bag, and set rate and start in arm.yaml'
     )

@@ -6,8 +6,8 @@ From the fixtures to the arm, and back to assertions:
 
     plugin       the pytest fixtures; imports the others when a test uses one
     arm          LockstepArm: settings, runs, inputs; the inputs are kept to record a failed test
-    loop         the loop of arm and controller over a link; errors; why a command was rejected
-    callback     the link to a function of the test
+    loop         the loop of arm and controller over a link, the link to a function of the test;
+                 errors; why a command was rejected
     nodes        the link to rclpy nodes of this process and to any nodes of others
     patience     interrupts a controller that blocks
     again        the arm of a log again: with a controller in the loop, or as a motion

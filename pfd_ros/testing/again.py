@@ -38,8 +38,8 @@ from pfd_ros.recording.arrays import read_log
 from pfd_ros.recording.format import LogError
 from pfd_ros.replay.inputs import Fed, Put, Run
 from pfd_ros.replay.what_if import Case, Drive, what_if
-from pfd_ros.testing.callback import CallbackLink, Controller
-from pfd_ros.testing.loop import ArmError, Command, ControllerError, Link, NoAnswerError, run
+from pfd_ros.testing import loop
+from pfd_ros.testing.loop import ArmError, CallbackLink, Command, Controller, Link
 from pfd_ros.testing.patience import PATIENCE_SECONDS, START_PATIENCE_SECONDS
 from pfd_ros.testing.process import ControllerProcess
 from pfd_ros.testing.trajectory import Limits, Trajectory
@@ -131,10 +131,10 @@ def closed_loop(controller: Controller | str = '', process: str = '') -> Drive:
             left = (arm.last - state.cycle) * state.first.step_ns / NANOSECONDS
             with link_of(case, engine) as link:
                 notes = link.notes
-                run(arm, link, left + (len(arm.alone) + 1) * arm.period, arm.rejected)
+                loop.run(arm, link, left + (len(arm.alone) + 1) * arm.period, arm.rejected)
         except (_OverError, ArmError):
             pass
-        except (ControllerError, NoAnswerError) as error:
+        except (loop.ControllerError, loop.NoAnswerError) as error:
             found.failure, found.failed_ns = one_line(error), engine.stamp_ns
             found.error = error
         put(engine.counts(), engine.stamp_ns)

@@ -40,8 +40,14 @@ from pfd_ros.messages.types import WRENCH as WRENCH_STAMPED
 from pfd_ros.motion.metrics import Array
 from pfd_ros.recording.recorder import Recorder, topic_names, totals_of
 from pfd_ros.replay.inputs import Input, run_inputs
-from pfd_ros.testing.callback import CallbackLink, Controller
-from pfd_ros.testing.loop import ArmError, checked_reasons, run, seconds_of
+from pfd_ros.testing.loop import (
+    ArmError,
+    CallbackLink,
+    Controller,
+    checked_reasons,
+    run,
+    seconds_of,
+)
 from pfd_ros.testing.patience import PATIENCE_SECONDS, START_PATIENCE_SECONDS
 from pfd_ros.testing.trajectory import Trajectory
 from pfd_ros.text import cut, did_you_mean
@@ -256,7 +262,7 @@ class LockstepArm:
             raise ArmError(f't = {self.time:.6g} s: {state.failure}')
         return messages, verdicts
 
-    def _record(self, messages: list[Message]) -> None:
+    def _record(self, messages: Sequence[Message]) -> None:
         if self._log is not None:
             self._log.put_slowly(messages, self.engine.stamp_ns)
 

@@ -8,13 +8,15 @@ An unrecorded arm is run again with the inputs that it kept, with the same bits.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
+import math
 import os
 from pathlib import Path
 import re
 import shutil
 from typing import Any
 
-from pfd_ros.arm.events import WRENCH
+from pfd_ros.arm.events import REQUESTS, WRENCH
 from pfd_ros.messages.numbers import decode_numbers
 from pfd_ros.messages.types import WRENCH as WRENCH_STAMPED
 from pfd_ros.page.curves import Reference
@@ -97,13 +99,17 @@ def _marks(arm: LockstepArm, error: BaseException) -> Iterator[Moment | Referenc
         names, times, positions, within = reference
         yield Reference(tuple(names), times, positions, within)
     origin, step = arm.settings.start_ns, arm.settings.step_ns
+    longest = arm.settings.external_wrench_timeout or math.inf
+    # A reset ends a push, too.
     pushes = [
-        (seconds_of(origin + cycles * step), decode_numbers(data, WRENCH_STAMPED).values)
+        (
+            seconds_of(origin + cycles * step),
+            decode_numbers(data, WRENCH_STAMPED).values if role == WRENCH else (),
+        )
         for cycles, role, data in arm.inputs
-        if role == WRENCH
+        if role in (WRENCH, REQUESTS)
     ]
-    ends = [time for time, _ in pushes[1:]] + [arm.time]
-    for (time, numbers), end in zip(pushes, ends, strict=False):
+    for (time, numbers), (end, _) in pairwise([*pushes, (arm.time, ())]):
         if any(numbers):
-            force, torque = [list(numbers[:3]), list(numbers[3:])]
-            yield Moment(time, 'push', f'{force} N, {torque} N m', end, 'note')
+            text = f'{list(numbers[:3])} N, {list(numbers[3:])} N m'
+            yield Moment(time, 'push', text, min(end, time + longest), 'note')

@@ -125,12 +125,6 @@ def import_rclpy() -> Any:
     return modules[0]
 
 
-def current_domain() -> int | None:
-    """Return the domain of rclpy's default context, None if it is not initialised."""
-    rclpy = import_rclpy()
-    return int(rclpy.get_default_context().get_domain_id()) if rclpy.ok() else None
-
-
 @contextmanager
 def initialised(domain: int) -> Iterator[None]:
     """Initialise rclpy's default context, in which the nodes of users are, and shut it down."""
@@ -147,9 +141,9 @@ def initialised(domain: int) -> Iterator[None]:
 @contextmanager
 def own_or_current(start: int | None = None) -> Iterator[int]:
     """Initialise rclpy in a claimed domain; if it is initialised already, use its domain."""
-    domain = current_domain()
-    if domain is not None:
-        yield domain
+    rclpy = import_rclpy()
+    if rclpy.ok():
+        yield int(rclpy.get_default_context().get_domain_id())
         return
     with claimed_domain(start) as domain, initialised(domain):
         yield domain

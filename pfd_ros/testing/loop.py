@@ -1,8 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The arm in lockstep with a controller: one loop over a link.
+"""The arm in lockstep with a controller: one loop over a link, and the link to a callback.
 
     run(arm, link, seconds, allowed)     publish messages, take commands, step
+    CallbackLink                         controller(t, q, qd) -> tau
 
 The arm never waits for a command. A link gives each message to the controllers, waits until they
 have finished what follows from it, and returns what they commanded: nothing, one or several
@@ -11,23 +12,30 @@ commands. So the same commands come before the same cycles, however long a contr
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 import math
+from time import perf_counter
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import ACCEPTED, LABELS, NAMED, UNCLAIMED, Message, Verdict
+from pfd_ros.arm.events import ACCEPTED, ARRAY, LABELS, NAMED, UNCLAIMED, Message, Verdict
 from pfd_ros.arm.state import BRAKE
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS, decode_joints
+from pfd_ros.messages.text_and_arrays import encode_floats
 from pfd_ros.motion.metrics import Array
+from pfd_ros.testing.patience import BlockedError, Watch
 from pfd_ros.testing.trajectory import Limits, Trajectory
-from pfd_ros.text import did_you_mean, listed
+from pfd_ros.text import did_you_mean, listed, one_line
 
 # The role and the bytes of a message.
 Command: TypeAlias = tuple[str, bytes]
+FLOAT = np.dtype('<f8')
+# controller(t, q, qd) -> tau, with q, qd and tau (n,) in published order; SI units, t in s.
+Controller: TypeAlias = Callable[[float, Array, Array], ArrayLike]
 # The names that `allow_rejected` takes.
 REASONS = tuple(label for label in LABELS if label not in (ACCEPTED.label, UNCLAIMED.label))
 # Share of a control period by which a time may miss the end of the last one.
@@ -168,3 +176,81 @@ def checked_reasons(given: Collection[str]) -> frozenset[str]:
         hint = did_you_mean(str(name), REASONS, f'expected some of {list(REASONS)}')
         raise ValueError(f'allow_rejected has {name!r}: {hint}')
     return frozenset(names)
+
+
+class CallbackLink:
+    """A controller that is called with each state; the arrays are its own."""
+
+    silent = True
+
+    def __init__(self, controller: Controller, names: Sequence[str], patience: float) -> None:
+        self._controller, self._names, self._watch = controller, names, Watch(patience)
+        numbers = np.zeros(len(names))
+        self._head = encode_floats(numbers)[: -numbers.nbytes]
+        self._answers, self._efforts = 0, np.empty(0)
+        self.seconds, self.notes = math.nan, list[str]()
+
+    def __enter__(self) -> CallbackLink:
+        """Begin to watch the controller."""
+        self._watch.__enter__()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Watch no longer."""
+        self._watch.__exit__()
+
+    def answer(
+        self, messages: Sequence[Message], time: float, measured: Array
+    ) -> Sequence[Command]:
+        """Return the command with which the controller answers a state."""
+        watch, q, qd = self._watch, measured[0], measured[1]
+        begun = watch.since = perf_counter()
+        try:
+            efforts: Any = self._controller(time, q, qd)
+            watch.since = 0.0
+        except BlockedError:
+            pass
+        except Exception as error:
+            text = one_line(f'{type(error).__name__}: {error}')
+            raise ControllerError(f'the controller raised at t = {time:.6g} s: {text}') from error
+        self.seconds = perf_counter() - begun
+        if watch.stack:
+            # Also if it caught what interrupted it.
+            raise ControllerError(watch.report(time, self._answers))
+        if (
+            type(efforts) is not np.ndarray
+            or efforts.dtype is not FLOAT
+            or efforts.shape != q.shape
+        ):
+            efforts = self._converted(efforts, time)
+        # The arm checks whether they are finite.
+        self._efforts = efforts
+        self._answers += 1
+        return ((ARRAY, self._head + efforts.tobytes()),)
+
+    def _converted(self, answer: Any, time: float) -> Array:
+        names = list(self._names)
+        try:
+            efforts = np.asarray(answer)
+            if efforts.dtype.kind not in 'iuf' or efforts.shape != (len(names),):
+                raise ValueError
+            return efforts.astype(FLOAT)
+        except (TypeError, ValueError):
+            shape = f', of shape {answer.shape}' if isinstance(answer, np.ndarray) else ''
+            raise ControllerError(
+                f'the controller returned {one_line(repr(answer), 200)}{shape} at '
+                f't = {time:.6g} s, expected {len(names)} numbers, an effort for each of {names}'
+            ) from None
+
+    def rejected(self, time: float, verdict: Verdict) -> Exception:
+        """Return the error about efforts that the arm did not accept."""
+        wrong = np.flatnonzero(~np.isfinite(self._efforts)).tolist()
+        if not wrong:
+            return RejectedError(
+                f'the arm rejected the efforts at t = {time:.6g} s: {verdict.label}: '
+                f'{verdict.detail}'
+            )
+        told = ', '.join(f'{self._efforts[j]} for joint {self._names[j]!r}' for j in wrong)
+        return RejectedError(
+            f'the controller returned {told} at t = {time:.6g} s, expected finite efforts'
+        )

@@ -32,18 +32,10 @@ from rclpy.parameter import Parameter as NodeParameter
 from rclpy.task import Future
 from rclpy.utilities import get_default_context, get_rmw_implementation_identifier, ok
 
+from pfd_ros.arm import events
 from pfd_ros.arm.description import DescribedRobot
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import (
-    CLOCK,
-    COMMANDS,
-    DESCRIPTION,
-    INPUTS,
-    ROLES,
-    STATES,
-    Message,
-    Verdict,
-)
+from pfd_ros.arm.events import CLOCK, COMMANDS, INPUTS, STATES, Message, Verdict
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.text_and_arrays import encode_string
 from pfd_ros.messages.topics import UNKNOWN_NODE, node_of
@@ -56,12 +48,12 @@ from pfd_ros.testing.process import ControllerProcess
 from pfd_ros.text import listed, one_line
 
 # Commands of two topics at once are taken in this order, for that between topics is chance.
-ORDER = tuple(role for role in ROLES if role in COMMANDS)
-# Requests of a barrier. An executor may take the first one before it has seen the message. It
-# serves the second one after the callback of the message, and the third one after the timers that
-# the callback of the clock made due. A state and its tick have a barrier each: else a callback of
-# the state would read the clock of either, by chance.
-AFTER_STATE, AFTER_TICK = 2, 3
+ORDER = tuple(role for role in events.ROLES if role in COMMANDS)
+# Requests of a barrier, after a state and after a tick. An executor may take the first one before
+# it has seen the message. It serves the second one after the callback of the message, and the
+# third one after the timers that the callback of the clock made due. A state and its tick have a
+# barrier each: else a callback of the state would read the clock of either, by chance.
+REQUESTS = (2, 3)
 # The graph has to stay the same for so long before the first state, s, for each process elsewhere:
 # whether two of them know each other cannot be seen from here; by loopback.xml each announces
 # itself twice in that time. A first request without reply is repeated after AGAIN; a wait is at
@@ -75,6 +67,7 @@ PARTICIPANT_BYTES = 12
 SILENT_INTERVALS = 10
 THREADS = 'several threads or a timer on wall time'
 LATE = f'a command came after its node had said that it was done: it has {THREADS}'
+UNREAD = 'its clock does not follow /clock, or it refuses to set use_sim_time again'
 BOTH = f'commands follow states as well as ticks: if that is not meant, there are {THREADS}'
 # Middlewares in which publish() delivers to readers of the same process before it returns. With
 # others, nodes of this process are peers.
@@ -114,25 +107,20 @@ class _Peer:
             same = SetParameters.Request(parameters=[Parameter(name='use_sim_time', value=value)])
             self.pending = [self._set.call_async(same)]
         else:
-            self._ask_for_nothing(AFTER_TICK if role == CLOCK else AFTER_STATE)
-
-    def _ask_for_nothing(self, count: int) -> None:
-        self.pending = [self._get.call_async(GetParameters.Request()) for _ in range(count)]
+            count, nothing = REQUESTS[role == CLOCK], GetParameters.Request()
+            self.pending = [self._get.call_async(nothing) for _ in range(count)]
 
     def awaited(self, stamp_ns: int) -> Future | None:
         """Return a reply to wait for, None if the barrier is complete; send what else it needs."""
-        for future in self.pending:
-            if not future.done():
-                return future
-        if not self.reads:
-            return None
-        if self.stamp_ns == stamp_ns:
+        pending = next((future for future in self.pending if not future.done()), None)
+        if pending is None and self.reads and self.stamp_ns == stamp_ns:
             # Taken in a later wait than the change, after the timers that the time made due.
-            self.reads = False
-            self._ask_for_nothing(1)
-        else:
+            self.reads, pending = False, self._get.call_async(GetParameters.Request())
+            self.pending = [pending]
+        elif pending is None and self.reads:
             self.ask(CLOCK)
-        return self.pending[0]
+            pending = self.pending[0]
+        return pending
 
 
 class _WithoutTimers:
@@ -270,7 +258,7 @@ class NodeLink:
                 'topics: give settings as arguments, sim_arm(robot=...)'
             )
         if settings.publish_description:
-            self._ends.publishers[DESCRIPTION].publish(encode_string(described.text))
+            self._ends.publishers[events.DESCRIPTION].publish(encode_string(described.text))
         # Nodes elsewhere by name, and their processes as far as the middleware tells them.
         self._peers: dict[str, _Peer] = {}
         self._places = set[Any]()
@@ -357,14 +345,11 @@ class NodeLink:
     def _matched(self) -> tuple[int, ...]:
         """Return the numbers of ends with which those of the arm are connected."""
         publishers, node = self._ends.publishers, self._node
+        own = [publishers[role].topic_name for role in (STATES, CLOCK) if role in publishers]
         return (
             *(end.get_subscription_count() for end in publishers.values()),
             *(end.get_publisher_count() for end in self._ends.subscriptions.values()),
-            *(
-                node.count_publishers(publishers[role].topic_name)
-                for role in (STATES, CLOCK)
-                if role in publishers
-            ),
+            *map(node.count_publishers, own),
         )
 
     def _missing(self, others: Sequence[tuple[str, str]], matched: Sequence[int]) -> Iterator[str]:
@@ -465,9 +450,10 @@ class NodeLink:
             self._drain()
             self._check_processes()
             if perf_counter() > deadline:
-                said = f'commands stopped after {self._answers} answers'
-                if not self._answers:
-                    said = f'{self._commanders()} never published a command'
+                never = f'{self._commanders()} never published a command'
+                said = (
+                    f'commands stopped after {self._answers} answers' if self._answers else never
+                )
                 raise NoAnswerError(
                     f'no answer for {self._patience:g} s to the state at t = {self._time:.6g} s: '
                     f'{said}, and the nodes have finished their callbacks{self._outputs()}'
@@ -496,13 +482,10 @@ class NodeLink:
                 if not future.done():
                     self._check_processes()
                 if perf_counter() > deadline:
-                    follows = (
-                        'its clock does not follow /clock, or it refuses to set use_sim_time again'
-                    )
                     raise NoAnswerError(
                         f'node {peer.name!r} does not finish what follows the {role} message '
                         f'within {self._patience:g} s {self._where()}: '
-                        f'{follows if peer.reads else "it blocks or is gone"}{self._outputs()}'
+                        f'{UNREAD if peer.reads else "it blocks or is gone"}{self._outputs()}'
                     )
         if self._nodes:
             self._drain()
@@ -547,16 +530,15 @@ class NodeLink:
 
     def _check_timers(self) -> None:
         """Note timers of nodes of this process that do not follow the clock of the arm."""
-        for node in self._nodes:
-            for timer in node.timers:
-                period = f'timer of {timer.timer_period_ns / 1e6:g} ms of node {node.get_name()!r}'
-                if timer.clock.clock_type != ClockType.ROS_TIME:
-                    self._note(f'the {period} runs on wall time (give it the clock of the node)')
-                elif not timer.clock.ros_time_is_active:
-                    self._note(f'the {period} runs on wall time (set use_sim_time)')
-                elif timer.timer_period_ns % self._tick_ns:
-                    tick = f'the tick of {self._tick_ns / 1e6:g} ms (set clock_rate)'
-                    self._note(f'the {period} is no multiple of {tick}', 'uneven')
+        for node, timer in [(one, timer) for one in self._nodes for timer in one.timers]:
+            name = f'the timer of {timer.timer_period_ns / 1e6:g} ms of node {node.get_name()!r}'
+            if timer.clock.clock_type != ClockType.ROS_TIME:
+                self._note(f'{name} runs on wall time (give it the clock of the node)')
+            elif not timer.clock.ros_time_is_active:
+                self._note(f'{name} runs on wall time (set use_sim_time)')
+            elif timer.timer_period_ns % self._tick_ns:
+                tick = f'the tick of {self._tick_ns / 1e6:g} ms (set clock_rate)'
+                self._note(f'{name} is no multiple of {tick}', 'uneven')
 
     def _note(self, text: str, kind: str = 'not repeatable') -> None:
         """Note it once, with the time at which it was first seen."""

@@ -41,15 +41,9 @@ class Watch:
     """A context in which a turn of the controller may take `patience` s of wall time.
 
     It works in the main thread alone: Python runs no handler of a signal elsewhere. `wake` is
-    called if no signal has helped for as long again: it is to end a wait in C code.
-
-    Attributes
-    ----------
-    since
-        The time.perf_counter() at which a turn of the controller began; 0.0 between its turns.
-    stack
-        Where the controller blocked, as a traceback has it; '' if it did not. It stays, even if
-        the controller caught what interrupted it.
+    called if no signal has helped for as long again: it is to end a wait in C code. `since` is the
+    time.perf_counter() at which a turn began, 0.0 between turns. `stack` is where the controller
+    blocked, '' if it did not; it stays, even if the controller caught what interrupted it.
     """
 
     # Slots are faster: `since` is set twice for each state.

@@ -154,13 +154,8 @@ class NodeProcessError(Exception):
 class NodeProcess(ControllerProcess):
     """The node `sim_arm` as a running process, which is to end with status 0.
 
-    Parameters
-    ----------
-    parameters
-        By name, or by field of the settings: `noise.velocity` or `noise_velocity`. Those of single
-        joints may be a mapping.
-    ros_args
-        More arguments, as on a command line after --ros-args.
+    `parameters` are by name, or by field of the settings: `noise.velocity` or `noise_velocity`;
+    those of single joints may be a mapping. `ros_args` are as on a command line after --ros-args.
     """
 
     def __init__(self, parameters: Mapping[str, Any], ros_args: Sequence[str] = ()) -> None:

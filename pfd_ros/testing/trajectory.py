@@ -138,8 +138,7 @@ class Trajectory:
         `target` is where the joints should rest, (n,) or one number for all, and `within` the
         largest distance from there, rad or m.
         """
-        goals = self._per_joint('target', target)
-        columns = zip(self.q.T, goals, strict=True)
+        columns = zip(self.q.T, self._per_joint('target', target), strict=True)
         return np.array([metrics.settling_time(self.time, q, r, within) for q, r in columns])
 
     def overshoot(self, target: ArrayLike) -> Array:
@@ -148,8 +147,8 @@ class Trajectory:
         `target` is (n,) or one number for all, rad or m. A joint has no step whose target is its
         first position.
         """
-        goals = self._per_joint('target', target)
-        return np.array([metrics.overshoot(q, r) for q, r in zip(self.q.T, goals, strict=True)])
+        columns = zip(self.q.T, self._per_joint('target', target), strict=True)
+        return np.array([metrics.overshoot(q, r) for q, r in columns])
 
     def torque_rate(self) -> Array:
         """Return the largest rate of change of the effort of each joint (n,), N m/s or N/s."""
@@ -179,12 +178,10 @@ class Trajectory:
 
     def _bounds(self, j: int) -> list[tuple[str, Array, float, float]]:
         """Return the name of each limit of a joint, the bounded values, and the bounds."""
-        lower, upper, velocity, effort = (float(limit[j]) for limit in self.limits)
-        return [
-            ('position', self.q[:, j], lower, upper),
-            ('velocity', self.qd[:, j], -velocity, velocity),
-            ('effort', self.tau[:, j], -effort, effort),
-        ]
+        lower, upper, speed, effort = (float(limit[j]) for limit in self.limits)
+        least, most = (lower, -speed, -effort), (upper, speed, effort)
+        values = [x[:, j] for x in (self.q, self.qd, self.tau)]
+        return [*zip(JOINT_FIELDS, values, least, most, strict=True)]
 
     def _unit(self, item: str, j: int) -> str:
         robot = self.robot
@@ -397,10 +394,10 @@ class Trajectory:
             raise ValueError(f'kind is {kind!r}, expected one of {list(JOINT_FIELDS)}')
         chosen = {self.names[j] for j in self._columns(joint)}
         hits = [x for x in self.limits_hit() if x.joint in chosen and kind in (None, x.kind)]
-        shown = [str(hit) for hit in hits[:MOST_LISTED]]
         if hits:
-            text = '; '.join([*shown, '...'] if len(hits) > MOST_LISTED else shown)
-            joints = sorted({self.index(hit.joint) for hit in hits[:MOST_LISTED]})
+            shown = hits[:MOST_LISTED]
+            text = '; '.join([*map(str, shown), *['...'] * (len(hits) > MOST_LISTED)])
+            joints = sorted({self.index(hit.joint) for hit in shown})
             raise self._fail(text, int(np.searchsorted(self.time, hits[0].time)), joints)
 
     def _columns(self, joint: Joints) -> list[int]:
@@ -410,8 +407,7 @@ class Trajectory:
 
     def _per_joint(self, name: str, value: ArrayLike) -> Array:
         """Return a number for each joint (n,); one number means all."""
-        array = np.asarray(value, np.float64)
-        count = len(self.names)
+        array, count = np.asarray(value, np.float64), len(self.names)
         if array.shape not in ((), (count,)):
             raise ValueError(
                 f'{name} has shape {array.shape}, expected one number or ({count},), '

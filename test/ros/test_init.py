@@ -345,7 +345,7 @@ def test_the_launch_file_starts_arm_and_controller(
         ('mine', ['--urdf', 'arm.urdf', '--tip', 'nail'], "'nail'"),
         ('mine', ['--urdf', 'weak.urdf'], "'elbow' cannot carry the arm: .* expected 0.5 at most"),
         ('mine', ['--urdf', 'narrow.urdf'], "joint 'elbow' would reach its limits"),
-        ('mine', ['--bag', 'run.mcap', '--robot', 'ur5'], 'has no states of .*--rename'),
+        ('mine', ['--bag', 'run.mcap', '--robot', 'ur5'], 'has no states of .*: leave out --bag'),
         ('mine', ['--bag', 'run.mcap', '--tip', 'upper'], "that of run.mcap, 'lower'"),
     ],
 )

@@ -251,6 +251,9 @@ def test_the_page_marks_the_moment_of_the_assertion_and_the_push(failed) -> None
         assert float(marked[1]) == pytest.approx(time, abs=1e-6)
         pushed, reason = '[0.0, 0.0, 1.0] N m' in page, '== 7.0' in page
         assert (pushed, reason) == (name == 'settles', name == 'own_assertion')
+        # A reset ends a push.
+        spans = re.findall(r'\[([\d.]+),([\d.]+),"push"', page)
+        assert [[round(float(x), 6) for x in span] for span in spans] == [[0.051, 0.071]] * pushed
 
 
 def test_the_text_of_an_error_is_escaped_on_the_page(failed) -> None:

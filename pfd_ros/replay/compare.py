@@ -26,8 +26,6 @@ from pfd_ros.recording.topic_arrays import TopicArrays
 from pfd_ros.text import listed
 
 Array = NDArray[Any]
-# Times and values of a joint, (k,), in both logs.
-Both = tuple[tuple[Array, Array], tuple[Array, Array]]
 # Part of the shorter log that two logs overlap at least at any lag.
 OVERLAP = 0.5
 # Intervals between samples, as multiples of the median one, that are gaps.
@@ -141,12 +139,8 @@ def compare(
         if min(span[1] for span in spans) <= max(span[0] for span in spans):
             shift = spans[1][0] - spans[0][0]
         if not all(log.roles or CLOCK in log.topics.values() for log in (a, b)):
-            lag, correlation = estimated_lag(
-                [
-                    ((x.time, x.values['position']), (y.time - shift, y.values['position']))
-                    for x, y in fullest.values()
-                ]
-            )
+            moved = [(x, y._replace(time=y.time - shift)) for x, y in fullest.values()]
+            lag, correlation = estimated_lag(moved)
     if correlation is not None and correlation < WEAK:
         raise ValueError(
             f'no clear lag between {a.path} and {b.path}: at {lag:.6g} s the positions have a '
@@ -274,7 +268,7 @@ def aligned(a: Track, b: Track, item: str) -> tuple[Curve, tuple[int, int]]:
     return (time[common], x[common], y[common]), (len(missed), len(lost))
 
 
-def estimated_lag(joints: Sequence[Both]) -> tuple[float, float | None]:
+def estimated_lag(joints: Sequence[tuple[Track, Track]]) -> tuple[float, float | None]:
     """Return the lag of the second log [s], and the correlation of all moving joints at this lag.
 
     The first log at a time t resembles the second at t + lag the most. The lag is 0 where nothing
@@ -283,12 +277,8 @@ def estimated_lag(joints: Sequence[Both]) -> tuple[float, float | None]:
     FFT, sum (a - b)^2 = sum a^2 + sum b^2 - 2 sum a b, each over the overlap, and the best shift
     is refined by a parabola through its neighbours.
     """
-    known_pairs = [(known(*one), known(*two)) for one, two in joints]
-    moving = [
-        both
-        for both in known_pairs
-        if all(len(values) > 1 and np.ptp(values) > 0 for _, values in both)
-    ]
+    pairs = [[known(x.time, x.values['position']) for x in both] for both in joints]
+    moving = [x for x in pairs if all(len(y) > 1 and np.ptp(y) > 0 for _, y in x)]
     if not moving:
         return 0.0, None
     begin = min(time[0] for both in moving for time, _ in both)
@@ -331,7 +321,9 @@ def known(time: Array, values: Array) -> tuple[Array, Array]:
     return time[last], values[last]
 
 
-def _correlation(moving: Sequence[Both], grid: Array, lag: float) -> float:
+def _correlation(
+    moving: Sequence[Sequence[tuple[Array, Array]]], grid: Array, lag: float
+) -> float:
     """Return the correlation of all joints, each from its mean, at a lag."""
     sums = np.zeros(3)
     for one, two in moving:

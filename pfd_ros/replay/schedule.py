@@ -98,8 +98,8 @@ class Schedule:
         self._tick_ns, self._tick_at = tick_ns, 0
         # Whether the next call of `due` sets the anchor.
         self._starting = True
-        self._jump: Jump | None = None
-        self._before: deque[BagMessage] = deque()
+        # A jump, and the messages to send from before the position.
+        self._pending: deque[Jump | Send] = deque()
         self._messages: Iterator[BagMessage] = iter(())
         self._next: BagMessage | None = None
         # Log time of the last message that was sent or passed over.
@@ -116,17 +116,14 @@ class Schedule:
 
     def next_ns(self) -> int | None:
         """Return the steady time of the next event; None if only a call can cause one."""
-        if self._jump is not None or self._before or self._starting:
+        if self._pending or self._starting:
             return self._anchor[0]
         return min(self._times(), default=None)
 
     def due(self, now_ns: int) -> Event | None:
         """Return the next event that is due, or None; call it until it returns None."""
-        if self._jump is not None:
-            jump, self._jump = self._jump, None
-            return jump
-        if self._before:
-            return Send(self._before.popleft(), None)
+        if self._pending:
+            return self._pending.popleft()
         if self._starting:
             self._starting = False
             self._anchor = now_ns, self._anchor[1]
@@ -227,24 +224,27 @@ class Schedule:
         """Continue at a log time from a steady time on."""
         self._set_anchor(when)
         # Jumps that nobody has taken yet are one.
-        since_ns = self._anchor[1] if self._jump is None else self._jump.from_ns
-        self._jump = Jump(since_ns, log_ns, loop)
+        first = self._pending[0] if self._pending else None
+        since_ns = first.from_ns if isinstance(first, Jump) else self._anchor[1]
         self._anchor = when, log_ns
         self._starting, self.ended = True, False
         self._open(log_ns)
+        self._pending.appendleft(Jump(since_ns, log_ns, loop))
 
     def _open(self, log_ns: int) -> None:
         """Make the first message at or after a log time the next one, and keep those before it."""
         if self._next is None or log_ns <= self._reached_ns:
-            self._messages, self._reached_ns, self._before = self._read(), -1, deque()
+            self._messages, self._reached_ns = self._read(), -1
+            self._pending.clear()
             self._next = self._following()
+        before = [event.message for event in self._pending if isinstance(event, Send)]
         kept = {
             topic: deque[tuple[int, BagMessage]](maxlen=k) for topic, k in self._depths.items()
         }
-        for row in enumerate(chain(self._before, self._passed(log_ns))):
+        for row in enumerate(chain(before, self._passed(log_ns))):
             if row[1].topic in kept:
                 kept[row[1].topic].append(row)
-        self._before = deque(message for _, message in sorted(chain(*kept.values())))
+        self._pending = deque(Send(message, None) for _, message in sorted(chain(*kept.values())))
 
     def _passed(self, log_ns: int) -> Iterator[BagMessage]:
         while self._next is not None and self._next.log_ns < log_ns:

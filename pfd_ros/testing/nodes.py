@@ -35,7 +35,7 @@ from rclpy.utilities import get_default_context, get_rmw_implementation_identifi
 from pfd_ros.arm import events
 from pfd_ros.arm.description import DescribedRobot
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import CLOCK, COMMANDS, INPUTS, STATES, Message, Verdict
+from pfd_ros.arm.events import CLOCK, COMMANDS, DESCRIPTION, INPUTS, STATES, Message, Verdict
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.text_and_arrays import encode_string
 from pfd_ros.messages.topics import UNKNOWN_NODE, node_of
@@ -258,7 +258,7 @@ class NodeLink:
                 'topics: give settings as arguments, sim_arm(robot=...)'
             )
         if settings.publish_description:
-            self._ends.publishers[events.DESCRIPTION].publish(encode_string(described.text))
+            self._ends.publishers[DESCRIPTION].publish(encode_string(described.text))
         # Nodes elsewhere by name, and their processes as far as the middleware tells them.
         self._peers: dict[str, _Peer] = {}
         self._places = set[Any]()

@@ -46,6 +46,10 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[Any]) -> 
 
         try:
             lines = write_artifacts(arms, folder_of(item), call.excinfo.value)
+            if not item.config.getoption('--sim-arm-artifacts'):
+                lines.append(
+                    'pytest removes them after some runs; --sim-arm-artifacts DIR keeps them'
+                )
         # Nothing may hide the failure of the test.
         except Exception as error:
             lines = [one_line(f'no recording and no page: {type(error).__name__}: {error}')]

@@ -98,7 +98,7 @@ def parameters(robot: pfd.Robot, seconds: float) -> dict[str, Any]:
         **{key: len(robot.silent.get(key, ())) < robot.n for key in effects},
         'payload.mass': payload_mass(robot),
         'external_wrench': True,
-        'external_wrench_timeout': (PUSH_END - PUSH_BEGIN) * seconds,
+        'external_wrench_timeout': round((PUSH_END - PUSH_BEGIN) * seconds, 9),
         # For the arrow in the 3D view.
         'outputs': ['tip_wrench'],
     }

@@ -30,6 +30,7 @@ from pfd_ros.arm.events import (
     TRAJECTORY,
     TRANSITION,
 )
+from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import DIAGNOSTICS
 from pfd_ros.page.recorded import Array, Recorded
@@ -198,7 +199,7 @@ def _failure(run: Recorded) -> Iterator[Finding]:
     """Yield from the end record why the simulation stopped, and a reflex that refused nothing."""
     totals = _totals(run)
     start, step = (float(run.settings.get(x) or 0.0) for x in ('start_time', 'step_size'))
-    end = start + step * float(totals.get('steps', 0))
+    end = start - run.origin_ns / NANOSECONDS + step * float(totals.get('steps', 0))
     if end > run.span[1] + LATE:
         return
     if totals.get('failure'):

@@ -141,6 +141,11 @@ FAULTS: dict[str, tuple[Any, int, dict[str, Any], tuple[Any, ...], str, str]] = 
         {40: [efforts(1e300, 0.0)]},
         *(100, OUT, ('bad', '', None, 1), 'failure', 'the simulation stopped'),
     ),
+    'run away of a clock that shows the time of day': (
+        {40: [efforts(1e300, 0.0)]},
+        *(100, {**OUT, 'start_time': DAY}, ('bad', '', None, 1)),
+        *('failure', 'the simulation stopped'),
+    ),
     'states are lost': (
         *({}, 100, {'drop_state': 0.2, 'seed': 3}, ('note', '', None, None)),
         *('gap', 'no state on /joint_states for'),

@@ -7,12 +7,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import os
 from pathlib import Path
+import signal
 from typing import Any
 
 from plugin_sessions import install
 import pytest
 from ros_processes import HAS_ROS, Peer, Processes
 
+from pfd_ros.node.main import SIGNALS
 from pfd_ros.testing.domains import LOOPBACK as DDS_LOOPBACK
 from pfd_ros.testing.domains import claimed_domain, initialised
 
@@ -25,6 +27,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.get_closest_marker('ros') is not None and not HAS_ROS:
             item.add_marker(pytest.mark.skip(reason='rclpy is not installed'))
+
+
+@pytest.fixture(autouse=True)
+def signals_as_before() -> Iterator[None]:
+    """Undo what `pfd` in the process of a test does to signals: it leaves that to its own end."""
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    yield
+    if before != {number: signal.getsignal(number) for number in SIGNALS}:
+        signal.set_wakeup_fd(-1)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @pytest.fixture

@@ -99,8 +99,8 @@ def test_commands_are_taken_or_rejected_with_a_reason_on_a_topic_and_in_the_log(
         peer.command(names, effort, **other)
         wanted['joint_commands', label] += 1
         peer.let_pass(10)
-    # All NaN is no command, and no rejection.
     peer.command(JOINTS, [NAN] * 6)
+    wanted['joint_commands', 'all_nan'] += 1
     peer.let_pass(10)
     peer.plain_command([0.0] * 1000)
     peer.command(['x' * 1_000_000], [0.0])
@@ -114,6 +114,7 @@ def test_commands_are_taken_or_rejected_with_a_reason_on_a_topic_and_in_the_log(
     peer.wait(lambda: peer.states[-1].effort.tolist() == [0.6, 0.5, 0.4, 0.3, 0.2, 0.1])
     for text in (
         *('ragged (6 names and', 'no_effort (expected', 'unknown joints in messages'),
+        *('all_nan (NaN for', "have NaN for ['joint2']: the last command is kept"),
         *('wrong_size (1000 numbers for 6 joints)', f'bytes, expected {LARGEST_INPUT} at most'),
     ):
         arm.process.wait_for_text(text)

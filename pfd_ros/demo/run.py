@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from importlib.util import find_spec
 import itertools
 import os
 from pathlib import Path
@@ -178,7 +179,11 @@ def _results(base: Path, robot: pfd.Robot, seconds: float) -> Iterator[str]:
     shown.write(base.with_suffix('.html'))
     yield from shown.unreadable
     print(f'page       {base}.html: {shown.said}')
-    print(f'look       pfd view {path}')
+    # As typed here: the environment may not be active, and the view is an extra.
+    typed = sys.argv[0] if Path(sys.argv[0]).name == 'pfd' else 'pfd'
+    print(f'look       {typed} view {path}')
+    if find_spec('viser') is None:
+        print(f'           needs {sys.executable} -m pip install viser trimesh pycollada')
 
 
 def _error(run: Recorded, reference: Reference) -> float:

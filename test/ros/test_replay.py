@@ -419,20 +419,21 @@ def test_every_cut_is_incomplete_and_equal_up_to_it(tmp_path) -> None:
 def test_a_flipped_bit_is_found_wherever_a_message_or_the_head_is(many: int, tmp_path) -> None:
     path = tmp_path / 'run.mcap'
     busy(path)
-    data, rng, missed = path.read_bytes(), random.Random(2), []
+    data, every, rng, missed = path.read_bytes(), list(mcap_records(path)), random.Random(2), []
+    # The index at the end is for other readers; nobody parses it here.
+    (index,) = struct.unpack('<Q', data[-28:-20])
     for _ in range(many):
         at = rng.randrange(len(data))
         flipped = bytearray(data)
         flipped[at] ^= 1 << rng.randrange(8)
         path.write_bytes(flipped)
         try:
-            missed += [at] if verify_log(path).complete else []
+            # Compressed data that are changed may unpack to the same bytes.
+            if verify_log(path).complete and at < index and list(mcap_records(path)) != every:
+                missed.append(at)
         except LogError:
             continue
-    # The index at the end is for other readers; nobody parses it here.
-    (index,) = struct.unpack('<Q', data[-28:-20])
-    assert [at for at in missed if at < index] == []
-    assert len(missed) < many / 2
+    assert missed == []
 
 
 def test_what_is_no_recording_is_named(source, tmp_path) -> None:

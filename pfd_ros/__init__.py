@@ -6,6 +6,7 @@ Subpackages in the order of data flow; each imports only from those above it:
 
     files        new files, never over existing ones
     text         text from outside, shortened and printable
+    extras       packages of an extra, and the command that installs them
     messages     bytes of ROS 2 messages -> arrays and back
     arm          the simulated arm without ROS, clock or thread: settings, events, engine
     recording    the MCAP file of a run, written and read

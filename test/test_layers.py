@@ -50,10 +50,11 @@ KERNELS = {
 PFD_ROS = {
     'text': set(),
     'files': set(),
+    'extras': set(),
     'messages': {'text'},
     'arm': {'text', 'messages'},
     'recording': {'text', 'files', 'messages', 'arm'},
-    'replay': {'text', 'files', 'messages', 'arm', 'recording'},
+    'replay': {'text', 'files', 'extras', 'messages', 'arm', 'recording'},
     'motion': set(),
     'page': {'text', 'files', 'messages', 'arm', 'recording', 'motion'},
     'advice': {'text', 'files', 'messages', 'arm', 'recording', 'replay'},
@@ -61,14 +62,15 @@ PFD_ROS = {
     'testing': {
         *('text', 'files', 'messages', 'arm', 'recording', 'replay', 'motion', 'page', 'node'),
     },
-    'view': {'text', 'files', 'messages', 'arm', 'recording', 'node', 'testing'},
+    'view': {'text', 'files', 'extras', 'messages', 'arm', 'recording', 'node', 'testing'},
     'demo': {
-        *('text', 'messages', 'arm', 'recording', 'replay', 'page', 'node', 'testing', 'view'),
+        *('text', 'extras', 'messages', 'arm', 'recording', 'replay', 'page', 'node'),
+        *('testing', 'view'),
     },
     'starter': {'text', 'messages', 'arm', 'recording'},
     'cli': {
         *('text', 'files', 'messages', 'arm', 'recording', 'replay', 'page', 'advice', 'node'),
-        *('testing', 'view', 'demo', 'starter'),
+        *('extras', 'testing', 'view', 'demo', 'starter'),
     },
 }
 SIMULATION: dict[str, set[str]] = {'contact': set()}

@@ -29,9 +29,9 @@ import pfd_core as pfd
 from pfd_core.kernels import cache as disk_cache
 from pfd_core.kernels import native, threads
 from pfd_ros.cli.terminal import Command
+from pfd_ros.extras import PACKAGE, install, requirements
 from pfd_ros.text import one_line
 
-PACKAGE = 'pfd_ros'
 # The purpose of an extra of setup.py whose name does not say it.
 EXTRAS = {
     'ros': 'the node (pfd sim, pfd demo) and tests over topics',
@@ -46,6 +46,8 @@ PERIOD, LENGTH, MISSED = 1e-3, 1.0, 0.02
 DISCOVERY = 20.0
 # Rounds of the test of speed, and the states of a batch.
 ROBOT, ROUNDS, BATCH = 'ur5', 30, 1024
+# Characters of a line; the command that installs an extra names its packages.
+LONGEST = 1000
 # Rounding of forward and inverse dynamics one after the other, relative to the torques.
 RESIDUAL = 1e-9
 
@@ -64,7 +66,7 @@ def _run(_: argparse.Namespace) -> int:
     for check in CHECKS:
         for finding in check():
             mark = 'FAILED: ' if finding.failed else ''
-            print(one_line(f'{finding.subject:10s} {mark}{finding.text}', 400), flush=True)
+            print(one_line(f'{finding.subject:10s} {mark}{finding.text}', LONGEST), flush=True)
             failed |= finding.failed
     return int(failed)
 
@@ -79,23 +81,16 @@ def installation() -> Iterator[Finding]:
 
 def extras() -> Iterator[Finding]:
     """Yield the installed extras, and the missing ones with their purpose."""
-    try:
-        requirements = metadata.requires(PACKAGE) or []
-    except metadata.PackageNotFoundError:
+    found = requirements()
+    if not found:
         yield Finding('extras', f'unknown: {PACKAGE} runs from its source folder')
-        return
-    missing: dict[str, list[str]] = {}
-    for package, extra in re.findall(
-        r'^([\w.-]+).*\bextra == .([\w-]+)', '\n'.join(requirements), re.MULTILINE
-    ):
-        absent = [] if any(metadata.distributions(name=package)) else [package]
-        missing.setdefault(extra, []).extend(absent)
-    for extra, names in missing.items():
-        text = 'installed'
+    for extra, packages in found.items():
+        text, bare = 'installed', [re.split('[^\\w.-]', package)[0] for package in packages]
+        names = [name for name in bare if not any(metadata.distributions(name=name))]
         if names and extra == 'ros' and importlib.util.find_spec('rclpy'):
             text = 'the ROS 2 of this machine'
         elif names:
-            use, cure = EXTRAS.get(extra, extra), f"pip install '{PACKAGE}[{extra}]'"
+            use, cure = EXTRAS.get(extra, extra), install(extra)
             text = f'{", ".join(names)} not installed; needed for {use}: {cure}'
         yield Finding('extra', f'{extra}: {text}')
 
@@ -156,7 +151,7 @@ def clock() -> Iterator[Finding]:
 def dds() -> Iterator[Finding]:
     """Yield whether a message gets from one process to another."""
     if importlib.util.find_spec('rclpy') is None:
-        yield Finding('dds', f"no ROS 2 here: pip install '{PACKAGE}[ros]'")
+        yield Finding('dds', f'no ROS 2 here: {install("ros")}')
         return
     command = [sys.executable, '-m', 'pfd_ros.node.dds_check', str(DISCOVERY)]
     try:

@@ -21,6 +21,7 @@ import sys
 from typing import NoReturn
 
 from pfd_ros.cli.terminal import Command
+from pfd_ros.extras import install
 from pfd_ros.node.main import Stop, stop_on_signals
 from pfd_ros.text import one_line
 
@@ -29,10 +30,7 @@ from pfd_ros.text import one_line
 INTERRUPTED, CLOSED_PIPE = 130, 141
 # Of the reason why a command fails; that of xacro names files and arguments.
 LONGEST_ERROR = 800
-NO_ROS = (
-    'this command needs ROS 2 (rclpy), which is not installed; '
-    "install it with: pip install 'pfd_ros[ros]'"
-)
+NO_ROS = 'this command needs ROS 2 (rclpy): source the setup.bash of Jazzy, or '
 # The module of each command, in the order of `pfd --help`. A module has the mapping COMMANDS.
 COMMANDS = {
     'demo': 'small',
@@ -132,7 +130,7 @@ def _run(words: list[str], stop: Stop | None) -> int:
         parse.error(f'{given.command} takes no --ros-args')
     command = commands[given.command]
     if command.needs_ros(given) and importlib.util.find_spec('rclpy') is None:
-        print(f'pfd: {NO_ROS}', file=sys.stderr)
+        print(f'pfd: {NO_ROS}{install("ros")}', file=sys.stderr)
         return 1
     return command.run(given)
 

@@ -26,6 +26,7 @@ import yaml
 import pfd_core as pfd
 from pfd_ros.arm.events import STATES
 from pfd_ros.demo import scenario
+from pfd_ros.extras import install
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.page.curves import Reference, commanded_positions
 from pfd_ros.page.page import TYPES, page
@@ -183,7 +184,7 @@ def _results(base: Path, robot: pfd.Robot, seconds: float) -> Iterator[str]:
     typed = sys.argv[0] if Path(sys.argv[0]).name == 'pfd' else 'pfd'
     print(f'look       {typed} view {path}')
     if find_spec('viser') is None:
-        print(f'           needs {sys.executable} -m pip install viser trimesh pycollada')
+        print(f'           needs {install("view")}')
 
 
 def _error(run: Recorded, reference: Reference) -> float:

@@ -7,6 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from pfd_ros.extras import install
 from pfd_ros.files import existing, new_file
 from pfd_ros.messages.joints import JOINT_UNITS
 from pfd_ros.replay.compare import Curves
@@ -29,7 +30,7 @@ def _figure() -> Any:
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise ValueError("a plot needs matplotlib: pip install 'pfd_ros[report]'") from error
+        raise ValueError(f'a plot needs matplotlib: {install("report")}') from error
     return Figure
 
 

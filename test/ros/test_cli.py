@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from importlib import metadata
 import io
 import json
 import os
@@ -18,6 +19,7 @@ from typing import Any
 
 from arm_messages import efforts
 import numpy as np
+from packaging.requirements import Requirement
 import pytest
 from recordings import busy, rewritten, simulate
 from ros_processes import PATIENCE, environment
@@ -32,6 +34,7 @@ from pfd_ros.cli.main import parser as pfd_parser
 from pfd_ros.cli.send import message_of
 from pfd_ros.cli.small import COMMANDS as SMALL_COMMANDS
 from pfd_ros.cli.terminal import progress_on
+from pfd_ros.extras import install
 from pfd_ros.testing.domains import claimed_domain
 
 CYCLES = 60
@@ -385,26 +388,53 @@ def test_a_full_disk_is_one_line(logs) -> None:
 # What is imported, and help.
 
 
-WITHOUT_ROS = (
-    'import importlib.util, sys\n'
-    'find = importlib.util.find_spec\n'
-    "importlib.util.find_spec = lambda name, *a: None if name == 'rclpy' else find(name, *a)\n"
-    "sys.modules['rclpy'] = None\n"
+def installed(text: str) -> list[str]:
+    """Return what the command at the end of a text would install into this environment."""
+    words = shlex.split(text[text.index(sys.executable) :])
+    assert words[:4] == [sys.executable, '-m', 'pip', 'install']
+    return words[4:]
+
+
+def of_extra(extra: str) -> list[str]:
+    """Return the requirements of an extra of setup.py, as pip reads them."""
+    found = map(Requirement, metadata.requires('pfd_ros') or [])
+    chosen = [x for x in found if x.marker and x.marker.evaluate({'extra': extra})]
+    return [f'{x.name}{x.specifier}' for x in chosen]
+
+
+WITHOUT = (
+    'import sys\n'
+    'sys.modules[sys.argv.pop(1)] = None\n'
     'from pfd_ros.cli.main import main\n'
     'raise SystemExit(main(sys.argv[1:]))\n'
 )
 
 
 @pytest.mark.parametrize(
-    ('words', 'status'), [('sim', 1), ('replay a.mcap --publish', 1), ('view', 1), ('robots', 0)]
+    ('absent', 'words', 'extra'),
+    [
+        ('rclpy', 'sim', 'ros'),
+        ('rclpy', 'replay a.mcap --publish', 'ros'),
+        ('rclpy', 'view', 'ros'),
+        ('rclpy', 'robots', ''),
+        ('matplotlib', 'compare {0} {0} --plot a.png', 'report'),
+        ('viser', 'view {0}', 'view'),
+    ],
 )
-def test_without_ros_the_commands_that_need_it_say_how_to_get_it(
-    words: str, status: int, tmp_path
+def test_without_a_package_the_commands_that_need_it_say_how_to_get_it(
+    absent: str, words: str, extra: str, logs, tmp_path
 ) -> None:
-    done = process(*words.split(), cwd=tmp_path, program=('-c', WITHOUT_ROS))
-    assert done.returncode == status
-    assert ("pip install 'pfd_ros[ros]'" in done.stderr) == (status == 1)
+    given = words.format(logs / 'whole.mcap').split()
+    done = process(absent, *given, cwd=tmp_path, program=('-c', WITHOUT))
+    assert done.returncode == int(bool(extra))
+    assert not extra or installed(done.stderr) == of_extra(extra)
     assert 'Traceback' not in done.stderr
+
+
+def test_without_metadata_an_extra_is_one_of_the_folder_with_the_sources(monkeypatch) -> None:
+    monkeypatch.setattr('pfd_ros.extras.PACKAGE', 'a-package-that-nobody-has')
+    folder = Path(doctor.__file__).resolve().parents[2]
+    assert installed(install('view')) == [f'{folder}[view]']
 
 
 @pytest.mark.parametrize(
@@ -708,5 +738,5 @@ def test_a_missing_extra_is_named_with_the_command_that_installs_it(tmp_path, mo
     monkeypatch.syspath_prepend(str(tmp_path))
     texts = [found.text for found in doctor.extras()]
     assert texts[0].startswith('plots: a-package-that-nobody-has not installed; needed for ')
-    assert texts[0].endswith("pip install 'pfd_ros[plots]'")
+    assert installed(texts[0]) == ['a-package-that-nobody-has>=1']
     assert texts[1] == 'test: installed'

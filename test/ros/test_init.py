@@ -392,8 +392,25 @@ def test_a_package_has_the_action_of_this_repository(folder) -> None:
     path = ACTION.relative_to(ROOT)
     assert (package / path).read_bytes() == ACTION.read_bytes()
     jobs = yaml.safe_load((package / '.github/workflows/test.yml').read_text())['jobs']
-    used = [step.get('uses') for step in jobs['test']['steps']]
-    assert used[-1] == f'./{path.parent.as_posix()}'
+    last = jobs['test']['steps'][-1]
+    assert last['uses'] == f'./{path.parent.as_posix()}'
+    given = yaml.safe_load(ACTION.read_text(encoding='utf-8'))['inputs']
+    assert {*last['with']} == {name for name, row in given.items() if row.get('required')}
+
+
+def test_the_action_without_sources_of_pfd_ros_names_the_variable_and_installs_nothing() -> None:
+    names = ('inputs.package', 'inputs.pfd_ros', 'runner.temp')
+    install = steps(dict.fromkeys(names, ''))[0]
+    done = subprocess.run(
+        [shutil.which('bash'), '-e', '-c', install['run']],
+        env={'PATH': '', **install['env']},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode != 0
+    assert done.stderr.count('PFD_ROS: set it to') == 1
+    assert 'python' not in done.stderr
 
 
 @pytest.mark.slow

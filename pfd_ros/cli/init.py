@@ -38,7 +38,11 @@ def _run(given: argparse.Namespace) -> int:
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter('default')
         arm = arm_of(source, given.bag, given.tip)
-        plan = plan_of(arm)
+        try:
+            plan = plan_of(arm)
+        except ValueError as error:
+            # A note may name the cure, such as the tip before a gripper.
+            raise ValueError('; '.join([str(error), *arm.notes])) from error
     write_package(given.name, arm, plan, given.ros2_control)
     locked = f', locked {listed(arm.settings.locked)}' if arm.settings.locked else ''
     joints = listed(arm.robot.joint_names)

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 import os
 from pathlib import Path
 import re
@@ -132,11 +133,16 @@ def test_a_gripper_in_the_chain_is_a_note_whose_advice_works(
 
 
 def test_an_arm_that_gravity_nearly_overloads_is_taken_with_a_note(
-    folder: Path, capsys: pytest.CaptureFixture[str]
+    site, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     talos = str(example_robot('talos_data/robots/talos_left_arm.urdf'))
-    init('--urdf', talos, '--tip', 'gripper_left_base_link')
+    assert pfd_main(['init', 'mine', '--urdf', talos]) == 1
+    advice = re.search("'gripper_left_joint'.* --tip '(.*)' locks it", capsys.readouterr().err)
+    assert advice
+    package = init('--urdf', talos, '--tip', advice[1])
     assert re.search("note: joint 'arm_left_2_joint' is nearly too weak", capsys.readouterr().out)
+    # Its friction is more than half of what the law answers to a large error.
+    assert '6 passed' in run(site, package, ['-k', 'not node'])
 
 
 def test_each_value_has_its_source_and_is_that_of_the_model(folder) -> None:
@@ -320,6 +326,31 @@ def test_the_launch_file_starts_arm_and_controller(
         block = ElementTree.parse(package / name / 'arm.urdf').find('ros2_control')
         text = (package / name / 'controllers.yaml').read_text(encoding='utf-8')
         assert yaml.safe_load(text)[block.get('name')]['ros__parameters']['use_sim_time'] is True
+
+
+@pytest.mark.ros
+def test_the_node_begins_at_the_first_state_with_a_finite_number_for_each_joint(
+    folder: Path, ros_domain, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from sensor_msgs.msg import JointState
+
+    monkeypatch.syspath_prepend(str(init('--urdf', 'arm.urdf', name='finite')))
+    node = import_module('finite.node').Controller()
+    sent: list[Any] = []
+    monkeypatch.setattr(node.commands, 'publish', sent.append)
+    names, nan = list(gripper_arm.ARM), float('nan')
+    for q, qd in (
+        ([nan, 0.2], [0.0, 0.0]),
+        ([0.1], [0.0]),
+        ([0.1, 0.2], []),
+        ([0.3, 0.4], [0, 0]),
+    ):
+        assert not sent
+        state = JointState(name=names[: len(q)], position=q, velocity=[float(x) for x in qd])
+        node.on_state(state)
+    assert node.law.begin[1].tolist() == [0.3, 0.4]
+    assert len(sent) == 1
+    node.destroy_node()
 
 
 # What is refused, and that nothing is left.

@@ -194,6 +194,8 @@ def test_links_are_joined_up_to_a_solid_one() -> None:
     thin[4] = 0.0  # a point
     robot = without_mass(replace(robot, inertias=thin), (2, 3, 6))
     assert joined_links(robot, [2, 3, 6]) == {2: 5, 3: 5, 4: 5, 6: 7}
+    # A light link ends no group, solid as it may be.
+    assert joined_links(robot, [2, 3, 5, 6]) == dict.fromkeys((2, 3, 4, 5, 6), 7)
     given = state_of(robot, 2)
     exact = run_program(SERIAL(resolve_plant(robot), 'sequential'), given, digits=50)['qdd']
     found = run(robot, given, 'unpacked')['qdd']

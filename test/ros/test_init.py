@@ -339,15 +339,10 @@ def test_the_node_begins_at_the_first_state_with_a_finite_number_for_each_joint(
     sent: list[Any] = []
     monkeypatch.setattr(node.commands, 'publish', sent.append)
     names, nan = list(gripper_arm.ARM), float('nan')
-    for q, qd in (
-        ([nan, 0.2], [0.0, 0.0]),
-        ([0.1], [0.0]),
-        ([0.1, 0.2], []),
-        ([0.3, 0.4], [0, 0]),
-    ):
+    still = [0.0, 0.0]
+    for q, qd in (([nan, 0.2], still), ([0.1], [0.0]), ([0.1, 0.2], []), ([0.3, 0.4], still)):
         assert not sent
-        state = JointState(name=names[: len(q)], position=q, velocity=[float(x) for x in qd])
-        node.on_state(state)
+        node.on_state(JointState(name=names[: len(q)], position=q, velocity=qd))
     assert node.law.begin[1].tolist() == [0.3, 0.4]
     assert len(sent) == 1
     node.destroy_node()

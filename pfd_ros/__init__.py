@@ -52,7 +52,7 @@ To change or add
     log lines, diagnostics  node.report, node.diagnostics
     metadata of recordings  recording.format.HeadKey and recording.format.EndKey; written by
                             recording.recorder.Recorder, from recording.provenance.versions and
-                            recording.recorder.totals_of; read by recording.log.Log (for replay)
+                            the state of the engine; read by recording.log.Log (for replay)
                             and recording.arrays.read_log (for page.page and recording.facts)
     what-if                 cli.logs._what_if -> replay.what_if.what_if: the changes by
                             replay.changed_settings.read_changes; the arm and the inputs by

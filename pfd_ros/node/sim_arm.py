@@ -145,11 +145,7 @@ class SimArm:
             role: self._node.resolve_topic_name(ROLES[role].topic) for role in self.engine.roles
         }
         topics |= {role: end.topic_name for role, end in self.endpoints.all.items()}
-        frames, stamp_ns = self.engine.frames, self.engine.stamp_ns
-        opening = [] if frames is None else frames.opening(stamp_ns)
-        recorder = Recorder(path, self.engine, topics, self._node.get_logger().error)
-        recorder.put(opening, stamp_ns)
-        return recorder
+        return Recorder(path, self.engine, topics, self._node.get_logger().error)
 
     def start(self) -> None:
         """Start the threads that step, and that prepare changes."""
@@ -193,15 +189,9 @@ class SimArm:
         After a fault in a cycle, or while one hangs, the state of the engine is not one that a
         replay reaches: the end is left out.
         """
-        if self._recorder is None:
-            return
-        if self._running and not self.stepper.whole:
-            self._recorder.close(None, CLOSE_SECONDS)
-            return
-        from pfd_ros.recording.recorder import totals_of
-
-        self._recorder.put(self.engine.counts(), self.engine.stamp_ns)
-        self._recorder.close(totals_of(self.engine), CLOSE_SECONDS)
+        if self._recorder is not None:
+            whole = not self._running or self.stepper.whole
+            self._recorder.close(whole=whole, seconds=CLOSE_SECONDS)
 
     def problems(self) -> list[str]:
         """Return why the run of this arm failed."""

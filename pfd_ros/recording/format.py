@@ -43,7 +43,7 @@ class HeadKey:
 class EndKey:
     """Keys of the record END; each value is JSON."""
 
-    TOTALS = 'totals'  # of recorder.totals_of
+    TOTALS = 'totals'  # of the run, see recorder
     RECORDED = 'recorded'  # number of messages by role
     CRC = 'crc'  # CRC-32 of the bytes of all messages in their order
 

@@ -35,6 +35,7 @@ from pfd_ros.text import one_line
 
 if TYPE_CHECKING:
     from pfd_ros.arm.engine import Engine
+    from pfd_ros.arm.state import State
 
 # Within which a message is in the file, and on the disk.
 FLUSH_SECONDS, SYNC_SECONDS = 0.1, 1.0
@@ -55,6 +56,7 @@ TAKEN = 'the file was removed, moved, replaced or truncated'
 class Recorder:
     """An open recording: a new file, for an engine before its first cycle.
 
+    It begins with the frames of the engine, if there are any, and ends with the totals of the run.
     `topics` has the full name of the topic of each role that is recorded. If the recording fails,
     `report` is called once, on any thread, with one line, which is `error` from then on.
     `recorded` counts the written messages by role. OSError if the file exists or cannot be
@@ -72,7 +74,7 @@ class Recorder:
             raise ValueError(f'topics is {dict(topics)}, expected another topic for each role')
         self.recorded: Counter[str] = Counter()
         self.error = ''
-        self._report = report
+        self._engine, self._report = engine, report
         self._simulated = engine.state.settings.log_time == 'simulated'
         # Log times must not decrease, so the wall clock is read once.
         self._wall_ns = time.time_ns() - time.monotonic_ns()
@@ -103,6 +105,8 @@ class Recorder:
             if isinstance(error, OSError):
                 raise OSError(error.errno, error.strerror, str(path)) from error
             raise
+        if engine.frames is not None:
+            self.put(engine.frames.opening(engine.stamp_ns), engine.stamp_ns)
 
     def put(self, messages: Sequence[Message], stamp_ns: int) -> None:
         """Record the messages of one step, or asides; they have one log time.
@@ -135,14 +139,16 @@ class Recorder:
         """Filled share of the queue, 0 to 1: a run without real time waits while it is high."""
         return 0.0 if self.error else self._bytes / QUEUE_BYTES
 
-    def close(self, totals: Mapping[str, Any] | None, seconds: float = DISK_SECONDS) -> None:
+    def close(self, *, whole: bool = True, seconds: float = DISK_SECONDS) -> None:
         """Write what waits, the end and the index, and close the file, within some seconds.
 
-        `totals` is as `totals_of` returns it; None leaves the end out, of a run that a fault ended
-        in the middle of a cycle.
+        The end is left out of a run that is not `whole`: a fault ended it within a cycle.
         """
+        if whole:
+            counts = [each for each in self._engine.counts() if each.role in self._ids]
+            self.put(counts, self._engine.stamp_ns)
         with self._lock:
-            self._totals = totals
+            self._totals = _totals_of(self._engine.state) if whole else None
             self._closing.set()
         self._thread.join(seconds)
         if self._thread.is_alive():
@@ -254,9 +260,7 @@ class Recorder:
             raise RuntimeError(TAKEN)
 
 
-def totals_of(engine: Engine) -> dict[str, Any]:
-    """Return what the end of a recording states about the run."""
-    state = engine.state
+def _totals_of(state: State) -> dict[str, Any]:
     return {
         'cycles': state.cycle,
         'steps': state.step,

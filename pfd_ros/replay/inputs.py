@@ -150,7 +150,6 @@ def run_inputs(inputs: Iterable[Input], engine: Engine, put: Put) -> Run:
     fed = Fed(inputs, engine, put)
     while not fed.ended:
         fed.cycle()
-    put(engine.counts(), engine.stamp_ns)
     return fed.found
 
 

@@ -35,7 +35,7 @@ from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
 from pfd_ros.recording.arrays import LogArrays, read_log
 from pfd_ros.recording.format import LogError, OtherLogError, damage_named
 from pfd_ros.recording.log import Log
-from pfd_ros.recording.recorder import Recorder, topic_names, totals_of
+from pfd_ros.recording.recorder import Recorder, topic_names
 from pfd_ros.recording.topic_arrays import TopicArrays
 from pfd_ros.replay.bag_inputs import BagInputs
 from pfd_ros.replay.changed_settings import Changes, changed_arm, described_arm, read_changes
@@ -328,16 +328,14 @@ def _recorded_run(
             progress(min(1.0, (stamp_ns - first) / whole))
 
     try:
-        if engine.frames is not None:
-            put(engine.frames.opening(engine.stamp_ns), engine.stamp_ns)
         run = drive(case, engine, put) if drive else run_inputs(case.inputs(engine), engine, put)
         if case.bag is not None and not run.error:
             case.bag.check(run)
-        recorder.close(totals_of(engine))
+        recorder.close()
         if recorder.error:
             raise OSError(recorder.error)
     except BaseException:
-        recorder.close(totals_of(engine))
+        recorder.close()
         # After a fault of the disk the part that was written stays, as in a recording.
         if not recorder.error:
             os.unlink(target)

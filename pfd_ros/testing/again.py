@@ -137,7 +137,6 @@ def closed_loop(controller: Controller | str = '', process: str = '') -> Drive:
         except (loop.ControllerError, loop.NoAnswerError) as error:
             found.failure, found.failed_ns = one_line(error), engine.stamp_ns
             found.error = error
-        put(engine.counts(), engine.stamp_ns)
         answers = sum((cycle - 1) % every == 0 for cycle in {*arm.commanded})
         found.loop = (
             f'closed: {cut(process or str(controller), 200)} in lockstep, {found.accepted} '

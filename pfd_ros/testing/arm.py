@@ -38,7 +38,7 @@ from pfd_ros.messages.joints import encode_joints
 from pfd_ros.messages.numbers import encode_numbers
 from pfd_ros.messages.types import WRENCH as WRENCH_STAMPED
 from pfd_ros.motion.metrics import Array
-from pfd_ros.recording.recorder import Recorder, topic_names, totals_of
+from pfd_ros.recording.recorder import Recorder, topic_names
 from pfd_ros.replay.inputs import Input, run_inputs
 from pfd_ros.testing.loop import (
     ArmError,
@@ -128,8 +128,6 @@ class LockstepArm:
         recorded = {*events.ALL - events.ASIDES, events.REJECTED_COUNTS}
         recorded |= {*frames.roles} if frames else set()
         self._log = Recorder(settings.recording, engine, topic_names(recorded), lambda line: None)
-        if frames is not None:
-            self._log.put(frames.opening(engine.stamp_ns), engine.stamp_ns)
         return engine
 
     def __enter__(self) -> LockstepArm:
@@ -144,8 +142,7 @@ class LockstepArm:
         """Close the recording, if any; RecordingError if the file does not hold everything."""
         log, self._log = self._log, None
         if log is not None:
-            log.put(self.engine.counts(), self.engine.stamp_ns)
-            log.close(totals_of(self.engine))
+            log.close()
             if log.error:
                 raise RecordingError(log.error)
 

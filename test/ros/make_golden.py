@@ -24,7 +24,7 @@ from pfd_ros.arm.events import ROLES as ARM_ROLES
 from pfd_ros.arm.events import Message as ArmMessage
 from pfd_ros.recording.log import Log as RecordedLog
 from pfd_ros.recording.recorder import Recorder as LogRecorder
-from pfd_ros.recording.recorder import topic_names, totals_of
+from pfd_ros.recording.recorder import topic_names
 from pfd_ros.replay.verify import recorded_engine
 
 START_NS = 1_700_000_000_000_000_000
@@ -79,7 +79,7 @@ def record(
         while engine.state.cycle < cycles:
             put(engine.step(waiting)[0])
             waiting = []
-        recorder.close(totals_of(engine))
+        recorder.close()
     assert not recorder.error, recorder.error
 
 

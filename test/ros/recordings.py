@@ -25,7 +25,7 @@ from pfd_ros.recording.format import END as END_RECORD
 from pfd_ros.recording.log import Log as RecordedLog
 from pfd_ros.recording.mcap_records import records as mcap_records
 from pfd_ros.recording.recorder import Recorder as LogRecorder
-from pfd_ros.recording.recorder import topic_names, totals_of
+from pfd_ros.recording.recorder import topic_names
 
 # What every run has; a test adds others.
 ROLES = (
@@ -88,7 +88,7 @@ class Run:
 
     def close(self) -> None:
         self.record(self.engine.counts())
-        self.recorder.close(totals_of(self.engine))
+        self.recorder.close()
 
 
 def simulate(

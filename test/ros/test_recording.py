@@ -271,7 +271,7 @@ def test_closing_gives_up_on_a_dead_disk(tmp_path, monkeypatch) -> None:
     released = hanging(monkeypatch)
     run = Run(tmp_path / 'run.mcap')
     run.step(times=10)
-    run.recorder.close({}, 0.1)
+    run.recorder.close(seconds=0.1)
     assert 'closing took longer than 0.1 s: the end may be missing' in run.recorder.error
     released.set()
     check_ended(run, 'closing took longer')
@@ -289,7 +289,7 @@ def test_what_comes_after_closing_is_not_recorded(tmp_path, monkeypatch) -> None
     run = simulate(tmp_path / 'run.mcap', 3)
     monkeypatch.setattr('pfd_ros.recording.recorder.QUEUE_BYTES', 1000)
     run.recorder.put([aside()] * 100, 0)
-    run.recorder.close({})
+    run.recorder.close()
     assert run.recorder.error == ''
     assert verify_log(tmp_path / 'run.mcap') == ({'joint_states': 3, 'clock': 3}, 3, True)
 

@@ -91,8 +91,7 @@ class SimArmNode(LifecycleNode):
         # By transition, until it succeeds.
         self._failed: dict[str, str] = {}
         self._report = Report(self.get_logger())
-        for line in parameters.unused_files(args, self.get_fully_qualified_name()):
-            self._report.log(line)
+        parameters.refuse_files_of_others(args, self.get_fully_qualified_name())
         self._diagnostics = self.create_publisher(
             DiagnosticArray,
             ROLES[DIAGNOSTICS].topic,

@@ -201,8 +201,11 @@ def refuse_unknown(node: Node) -> str:
     return f'unknown parameters ignored: {listed(unknown)}{hint}' if unknown else ''
 
 
-def unused_files(args: Sequence[str], full_name: str) -> Iterator[str]:
-    """Yield a line for each parameter file on a command line without a section for a node."""
+def refuse_files_of_others(args: Sequence[str], full_name: str) -> None:
+    """Raise ValueError for a parameter file on a command line without a section for a node.
+
+    ROS ignores such a file: the node would run another robot than it states.
+    """
     for option, path in itertools.pairwise(args):
         if option != '--params-file':
             continue
@@ -215,9 +218,9 @@ def unused_files(args: Sequence[str], full_name: str) -> Iterator[str]:
                 for section in sections
             ]
             if sections and not re.fullmatch('|'.join(patterns), full_name):
-                yield (
+                raise ValueError(
                     f'{path} has no parameters for {full_name}, only for {listed(sections)}: '
-                    f"write {full_name.rpartition('/')[2]!r} or '/**' in it"
+                    f"write {full_name.rpartition('/')[2]!r} or '/**' in it, or leave it out"
                 )
 
 

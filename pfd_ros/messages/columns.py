@@ -19,6 +19,7 @@ from pfd_ros.messages.cdr import HEADER, NANOSECONDS, STAMP, TIME, Reader
 from pfd_ros.messages.definitions import definition_of, store_of, type_hash
 from pfd_ros.messages.joints import JOINT_FIELDS, decode_joints
 from pfd_ros.messages.types import JOINT_STATE
+from pfd_ros.text import listed
 
 # Bounds of padded rows of different lengths: elements, and their multiple of the filled ones.
 PADDED, MOST_PADDING = 1 << 20, 16
@@ -42,6 +43,8 @@ class Decoder:
     ----------
     paths
         Path of each primitive field -> its type, and the number of sequences it lies in.
+    error
+        Why the first message that `read` left out cannot be decoded, '' without one.
 
     Raises
     ------
@@ -51,6 +54,7 @@ class Decoder:
 
     def __init__(self, kind: str, definition: str = '') -> None:
         package, _, name = kind.rpartition('/')
+        self.error = ''
         self.kind = f'{package.removesuffix("/msg")}/msg/{name}'
         self._store = store_of(self.kind, definition or definition_of(self.kind))
         fields = list(self._fields(self.kind))
@@ -87,6 +91,7 @@ class Decoder:
         """
         if self._of_joints:
             joints = decode_joints(data)
+            check_names(joints.names)
             stamp, names = divmod(joints.stamp_ns, NANOSECONDS), list(joints.names)
             arrays = joints.position, joints.velocity, joints.effort
             return dict(zip(self.paths, (*stamp, joints.frame_id, names, *arrays), strict=True))
@@ -120,13 +125,22 @@ class Decoder:
         for k, data in enumerate(messages):
             try:
                 fields = self.decode(data)
-            except ValueError:
+            except ValueError as error:
+                self.error = self.error or str(error)
                 continue
             good.append(k)
             for path, value in fields.items():
                 columns[path].append(value)
         arrays = {path: _stacked(values, *self.paths[path]) for path, values in columns.items()}
         return arrays, np.array(good, np.int64)
+
+
+def check_names(names: Sequence[str]) -> None:
+    """Raise ValueError if joints of a message have one name; those without a name are none."""
+    found = [name for name in names if name]
+    twice = [name for k, name in enumerate(found) if name in found[:k]]
+    if twice:
+        raise ValueError(f'it names joints twice: {listed(twice)}')
 
 
 def _of_each(outer: Value, inner: Value) -> Value:
@@ -152,6 +166,7 @@ def _joint_columns(messages: Sequence[bytes]) -> dict[str, NDArray[Any]] | None:
         first, size = _Places(messages[0]), len(messages[0])
         first.time()
         frame_id, names = first.string(), first.strings()
+        check_names(names)
         columns = []
         for _ in JOINT_FIELDS:
             count = first.length(8)

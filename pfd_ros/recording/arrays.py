@@ -116,7 +116,8 @@ class LogArrays:
         lost = 0 if topic not in self or self.obstacle(topic) else self[topic].unreadable
         if not lost or self.roles.get(topic) in INPUTS:
             return ''
-        return f'{lost} of {len(self.received_ns[topic])} messages cannot be read'
+        count, reason = len(self.received_ns[topic]), self[topic].reason
+        return f'{lost} of {count} messages cannot be read (the first: {reason})'
 
     def messages(self, topic: str) -> list[bytes]:
         """Return the bytes of all messages of a topic, read again, malformed ones included."""

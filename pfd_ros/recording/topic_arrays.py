@@ -73,7 +73,7 @@ class TopicArrays(Fields):
     simulated_ns : ndarray of int64, (N,), or None
         In a recording of the node the simulated time of that cycle [ns].
     unreadable : int
-        Number of messages that cannot be decoded and are left out.
+        Number of messages that cannot be decoded and are left out; `reason` is that of the first.
     names : tuple of str
         Joints of a JointState, in the order of position, velocity and effort, which are
         (N, len(names)) and NaN where a message has no value of a joint; () for other types.
@@ -91,6 +91,7 @@ class TopicArrays(Fields):
     names: tuple[str, ...] = ()
     groups: NDArray[np.int16] = field(default_factory=lambda: np.zeros(0, np.int16), repr=False)
     lists: tuple[tuple[str, ...], ...] = field(default=(), repr=False)
+    reason: str = field(default='', repr=False)
 
     def __len__(self) -> int:
         return len(self.log_ns)
@@ -230,8 +231,8 @@ class TopicReader:
         places, total = np.concatenate(self._places), len(self._times)
         if len(places) < total and not counted:
             raise ValueError(
-                f'{total - len(places)} of {total} messages cannot be read as {self._topic.type}; '
-                "read_log(..., unreadable='count') leaves them out"
+                f'{total - len(places)} of {total} messages cannot be read as {self._topic.type} '
+                f"(the first: {self._reason}); read_log(..., unreadable='count') leaves them out"
             )
         log_ns = np.frombuffer(self._times, np.int64)
         names, found = self._joined()
@@ -262,7 +263,12 @@ class TopicReader:
             names,
             _shared(groups),
             tuple(self._lists),
+            self._reason,
         )
+
+    @property
+    def _reason(self) -> str:
+        return '' if self._decoder is None else self._decoder.error
 
     def _joined(self) -> tuple[tuple[str, ...], dict[str, NDArray[Any]]]:
         """Return the joints, and the arrays of all blocks, with a column for each joint."""

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from contextlib import closing
 import os
 from pathlib import Path
@@ -210,26 +211,42 @@ def test_unknown_topics_fields_and_arguments_are_named(tmp_path) -> None:
 # --- what cannot be read
 
 
-def test_a_message_that_cannot_be_decoded_is_an_error_unless_it_is_counted(tmp_path) -> None:
+TWICE = joint_state([*ARM[:-1], ARM[0]], np.zeros(len(ARM)))
+
+
+@pytest.mark.parametrize(
+    ('bad', 'reason'),
+    [
+        (lambda data: data[:60], ''),
+        (lambda data: b'\0\7\0\0' + data[4:], ''),  # XCDR2
+        (lambda data: TWICE, f'it names joints twice: {[ARM[0]]}'),
+    ],
+    ids=['cut', 'XCDR2', 'a joint twice'],
+)
+def test_a_message_that_cannot_be_decoded_is_an_error_unless_it_is_counted(
+    tmp_path, bad: Callable[[bytes], bytes], reason: str
+) -> None:
     rows = [
-        Row(t, at, data[:60] if k % 4 == 1 else data) for k, (t, at, data) in enumerate(states(20))
+        Row(t, at, bad(data) if k % 4 == 1 else data) for k, (t, at, data) in enumerate(states(20))
     ]
     path = write_mcap(tmp_path / 'a.mcap', [*rows, *states(3, topic='/good')])
     log = read_log(path)
     assert len(log['/good']) == 3
     with pytest.raises(LogError, match=r"5 of 20 messages cannot be read.*unreadable='count'"):
         log[STATES]
-    assert '5 of 20' in log.obstacle(STATES)
+    assert f'5 of 20 messages cannot be read as {JOINT_STATE} (the first: ' in log.obstacle(STATES)
+    assert reason in log.obstacle(STATES)
     counted = read_log(path, unreadable='count')
     found = counted[STATES]
     assert (len(found), found.unreadable, counted.obstacle(STATES)) == (15, 5, '')
     kept = [k for k in range(20) if k % 4 != 1]
     np.testing.assert_array_equal(found.position, [motion(0.01 * k)[0] for k in kept])
     assert len(counted.messages(STATES)) == len(counted.received_ns[STATES]) == 20
-    assert log_facts(path)['topics'][STATES]['unreadable'] == '5 of 20 messages cannot be read'
+    told = log_facts(path)['topics'][STATES]['unreadable']
+    assert told == f'5 of 20 messages cannot be read (the first: {found.reason})'
+    assert reason in found.reason
     # No message at all.
-    xcdr2 = [Row(t, at, b'\0\7\0\0' + data[4:]) for t, at, data in states(20)]
-    path = write_mcap(tmp_path / 'b.mcap', xcdr2)
+    path = write_mcap(tmp_path / 'b.mcap', [Row(t, at, bad(data)) for t, at, data in states(20)])
     with pytest.raises(LogError, match='20 of 20 messages cannot be read'):
         read_log(path)[STATES]
     found = read_log(path, unreadable='count')[STATES]

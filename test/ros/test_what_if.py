@@ -417,7 +417,8 @@ def test_states_that_are_missing_unreadable_or_out_of_reach_are_named(swing, tmp
         return record
 
     found = what_if(rewritten(swing, tmp_path / 'cut.mcap', cut), out=tmp_path / 'out.mcap')
-    assert found.problems == [f'{STATES}: 1 of 400 messages cannot be read']
+    (problem,) = found.problems
+    assert problem.startswith(f'{STATES}: 1 of 400 messages cannot be read')
     assert found.states == 399
 
     def late(role: str, record: Any) -> Any:
@@ -715,7 +716,8 @@ def test_messages_that_cannot_be_used_are_counted(tmp_path) -> None:
     rows.append(Row('/c', 1.004, told(1.004, (1, 2)).data[:-9]))
     found = run(write_mcap(tmp_path / 'bag.mcap', rows), '/c')
     assert found.rejected == {'ragged': 1, 'infinite': 1}
-    assert found.problems == ['/c: 1 of 6 messages cannot be read']
+    (problem,) = found.problems
+    assert problem.startswith('/c: 1 of 6 messages cannot be read')
     new = read_log(found.log)[STATES]
     assert new.effort[1:7].tolist() == [[1, 2]] * 3 + [[1, 3], [4, 5], [4, 5]]
     arrays = [shown(1.0), floats('/f', 1.0, 1.0), floats('/f', 1.001, 1.0, 2.0)]

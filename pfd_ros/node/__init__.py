@@ -13,8 +13,8 @@ Around it:
 
     description    the model from a file or a topic, and published; topics of its <ros2_control>
     parameters     the settings as ROS parameters
-    services       pause, step, reset: requests to the arm and their verdicts
-    standard       the same as services of `simulation_interfaces`, where that is installed
+    services       pause, step, reset: requests to the arm and their verdicts; the same as services
+                   of `simulation_interfaces`, where that is installed
     report         counts of all threads in one table, and the log lines about them
     graph          other nodes on the topics: wrong types, QoS, second publishers
     diagnostics    main thread: /diagnostics once a second, recorded and published

@@ -17,10 +17,9 @@ from std_msgs.msg import String
 
 import pfd_core as pfd
 from pfd_ros.arm.description import DescribedRobot, described_robot, parsed_urdf
-from pfd_ros.arm.events import DESCRIPTION, ROLES
+from pfd_ros.arm.events import DESCRIPTION
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.text_and_arrays import decode_string
-from pfd_ros.messages.topics import remapped
 from pfd_ros.node.endpoints import profile
 from pfd_ros.text import one_line
 
@@ -48,17 +47,6 @@ def load_model(node: Node, settings: Settings, stopped: Callable[[], bool]) -> D
     for warning in found.warnings:
         node.get_logger().warning(one_line(warning))
     return found
-
-
-def log_topics(node: Node, found: DescribedRobot) -> None:
-    """Log the topics that the URDF names."""
-    for role, theirs in found.topics.items():
-        own = ROLES[role].topic
-        name = remapped(node, own)
-        text = f'{own} is {theirs}, from <ros2_control>'
-        if name:
-            text = f'{own} is remapped to {name}, ignoring {theirs} of <ros2_control>'
-        node.get_logger().info(one_line(text))
 
 
 def wait_for_description(node: Node, seconds: float, stopped: Callable[[], bool]) -> pfd.Urdf:

@@ -33,9 +33,9 @@ from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import ACCEPTED, BUSY, COMMANDS
 from pfd_ros.arm.plant import INPUT, Plant, acceleration_kernel
 from pfd_ros.arm.state import NEXT
+from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.node.graph import GraphCheck
 from pfd_ros.node.report import Report, speed_of
-from pfd_ros.node.services import NANOSECONDS
 from pfd_ros.node.stepping import Stepper
 from pfd_ros.text import one_line
 

@@ -82,15 +82,26 @@ def topic_roles(settings: Settings) -> set[str]:
     return roles if settings.follows_clock else roles - {CLOCK_TICKS}
 
 
-def chosen_topics(node: Node, settings: Settings, theirs: Mapping[str, str]) -> dict[str, str]:
+def chosen_topics(
+    node: Node,
+    settings: Settings,
+    theirs: Mapping[str, str],
+    log: Callable[[str], object] = lambda line: None,
+) -> dict[str, str]:
     """Return the topics, by role, that parameters or `<ros2_control>`, `theirs`, name.
 
-    A remapping of the default topic overrides `<ros2_control>`.
+    A remapping of the default topic overrides `<ros2_control>`; `log` gets a line about each.
     """
-    chosen = {
-        role: topic for role, topic in theirs.items() if not remapped(node, ROLES[role].topic)
-    }
-    return chosen | ({ARRAY: settings.command_topic} if settings.command_topic else {})
+    chosen = {ARRAY: settings.command_topic} if settings.command_topic else {}
+    for role, topic in theirs.items():
+        own = ROLES[role].topic
+        name = remapped(node, own)
+        if name:
+            log(one_line(f'{own} is remapped to {name}, ignoring {topic} of <ros2_control>'))
+        else:
+            log(one_line(f'{own} is {topic}, from <ros2_control>'))
+            chosen[role] = topic
+    return chosen
 
 
 def profile(role: str, depth: int = 0) -> QoSProfile:

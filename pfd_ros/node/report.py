@@ -31,8 +31,8 @@ from pfd_ros.arm.events import (
     Verdict,
 )
 from pfd_ros.arm.link import timeout_text
+from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.node.endpoints import Endpoints
-from pfd_ros.node.services import NANOSECONDS
 from pfd_ros.node.stepping import RESEND_SECONDS, Stepper
 from pfd_ros.text import cut, listed, one_line
 

@@ -40,14 +40,13 @@ from pfd_ros.arm.settings import Settings
 from pfd_ros.files import existing
 from pfd_ros.messages.text_and_arrays import encode_string
 from pfd_ros.node import parameters
-from pfd_ros.node.description import load_model, log_topics
+from pfd_ros.node.description import load_model
 from pfd_ros.node.diagnostics import ArmDiagnostics, MassKernels
 from pfd_ros.node.endpoints import chosen_topics, create_endpoints, topic_roles
 from pfd_ros.node.graph import GraphCheck
 from pfd_ros.node.inbox import Changes, Inbox
 from pfd_ros.node.report import Report
-from pfd_ros.node.services import create_services
-from pfd_ros.node.standard import create_standard_services
+from pfd_ros.node.services import create_services, create_standard_services
 from pfd_ros.node.stepping import Stepper
 from pfd_ros.node.threads import Threads
 from pfd_ros.text import cut
@@ -113,8 +112,7 @@ class SimArm:
             else:
                 inbox.put(role, data)
 
-        log_topics(node, model)
-        topics = chosen_topics(node, settings, model.topics)
+        topics = chosen_topics(node, settings, model.topics, log.info)
         ends = self.endpoints = create_endpoints(node, topic_roles(settings), topics, receive)
         create_services(node, self.engine, inbox)
         create_standard_services(node, self.engine, inbox, self._threads, self._ended.is_set)

@@ -96,9 +96,9 @@ def _meaning(row: Row) -> str:
     text = cell(row.description)
     if row.values:
         text += f'; one of {", ".join(code(json.dumps(x).strip(QUOTE)) for x in row.values)}'
-    elif row.range is not None:
+    elif row.least is not None:
         also = '' if row.or_else is None else f'{row.or_else:g} or '
-        text += f'; {also}{row.range[0]:g} to {row.range[1]:g}'
+        text += f'; {also}{row.least:g} to {row.most:g}'
     return text + '; dynamic' * row.dynamic
 
 

@@ -24,53 +24,40 @@ JointDefault = Callable[[Any, Any], NDArray[Any]] | str | None
 class Row(NamedTuple):
     """A setting."""
 
-    # Its name in Settings and in recordings, and the name of the parameter of the node.
-    field: str
-    name: str
-    # Annotation, such as 'tuple[float, ...]'.
-    type: str
     default: Any
     # With its unit.
     description: str
-    # Least and largest number, and the values it may have; None and () for any. And a number out
-    # of the range that it may have, too.
-    range: tuple[float, float] | None
-    values: tuple[str | bool, ...]
-    or_else: float | None
+    # Least and largest number, None and inf for any; and a number out of that range.
+    least: float | None = None
+    most: float = math.inf
+    or_else: float | None = None
+    # The values that it may have, () for any.
+    values: tuple[str | bool, ...] = ()
     # Whether it may change while the arm runs.
-    dynamic: bool
+    dynamic: bool = False
     # Whether it holds a number for each joint, in published order, and is a group of parameters
     # `name.<joint>`; empty takes `joint_default`, which is 0 for each joint where it is None.
-    per_joint: bool
-    joint_default: JointDefault
+    per_joint: bool = False
+    joint_default: JointDefault = None
+    # The name of the parameter of the node, '' for that of the field.
+    name: str = ''
+    # The name and the annotation in Settings, such as 'tuple[float, ...]'.
+    field: str = ''
+    type: str = ''
 
 
-def setting(
-    default: Any,
-    description: str,
-    least: float | None = None,
-    most: float = math.inf,
-    *,
-    name: str = '',
-    values: tuple[str | bool, ...] = (),
-    or_else: float | None = None,
-    dynamic: bool = False,
-    per_joint: bool = False,
-    joint_default: JointDefault = None,
-) -> Any:
-    """Return a field of a table of settings; its arguments are those of Row."""
-    span = None if least is None else (least, most)
-    rest = description, span, values, or_else, dynamic, per_joint, joint_default
-    return dataclasses.field(default=default, metadata={'name': name, 'rest': rest})
+def setting(*given: Any, **more: Any) -> Any:
+    """Return a field of a table of settings; the arguments are those of Row."""
+    row = Row(*given, **more)
+    return dataclasses.field(default=row.default, metadata={'row': row})
 
 
 @lru_cache
 def rows_of(table: type) -> tuple[Row, ...]:
     """Return the rows of a class of settings."""
-    fields = ((x, x.metadata) for x in dataclasses.fields(table))
+    fields = ((x, x.metadata['row']) for x in dataclasses.fields(table))
     return tuple(
-        Row(x.name, given['name'] or x.name, str(x.type), x.default, *given['rest'])
-        for x, given in fields
+        row._replace(field=x.name, name=row.name or x.name, type=str(x.type)) for x, row in fields
     )
 
 
@@ -83,10 +70,12 @@ def check_values(settings: Any) -> None:
         for entry in value if isinstance(value, tuple) else (value,):
             if isinstance(entry, float) and not math.isfinite(entry):
                 raise ValueError(f'{row.name} holds {entry!r}, expected finite numbers')
-            least, most = row.range or (entry, entry)
-            if not least <= entry <= most and entry != row.or_else:
+            if row.least is not None and not (
+                row.least <= entry <= row.most or entry == row.or_else
+            ):
                 also = '' if row.or_else is None else f'{row.or_else:g} or '
-                raise ValueError(f'{row.name} is {entry!r}, expected {also}{least!r} to {most!r}')
+                span = f'{row.least!r} to {row.most!r}'
+                raise ValueError(f'{row.name} is {entry!r}, expected {also}{span}')
             if row.values and entry not in row.values:
                 raise ValueError(
                     f'{row.name} is {cut(repr(entry))}, expected one of {list(row.values)}'

@@ -75,13 +75,13 @@ def _descriptor(row: Row, *, fixed: bool) -> ParameterDescriptor:
         read_only=fixed and not row.dynamic,
         dynamic_typing=_KINDS[row.type] is Parameter.Type.NOT_SET,
     )
-    if row.range is not None:
-        least, most = row.range
-        least = least if row.or_else is None else min(least, row.or_else)
+    if row.least is not None:
+        least = row.least if row.or_else is None else min(row.least, row.or_else)
+        span = {'from_value': least, 'to_value': row.most}
         if row.type == 'int':
-            descriptor.integer_range = [IntegerRange(from_value=least, to_value=most, step=1)]
+            descriptor.integer_range = [IntegerRange(**span, step=1)]
         else:
-            descriptor.floating_point_range = [FloatingPointRange(from_value=least, to_value=most)]
+            descriptor.floating_point_range = [FloatingPointRange(**span)]
     return descriptor
 
 

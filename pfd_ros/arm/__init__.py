@@ -14,13 +14,12 @@
     plant           the scene and the native code of settings
     noise           random numbers as a function of seed, channel and cycle
     sensors         true state -> measured state, published as joint_states
-    actuators       from commands to the efforts that act: servos, limits of the motors, reflex
-    link            commands on the way to the actuators: delay, drop-out, watchdog
+    actuators       from commands to the efforts that act: drop-out, delay, watchdog, servos,
+                    limits of the motors, reflexes
     arm             the state, what follows from its settings, and native code bound to both
     commands        the rules for a command, NaN and infinity among them
     trajectory      the rule for trajectories, and the command of each cycle from one
-    wrench          the rule for external wrenches, and frames that the last link carries
-    other_inputs    the rules for requests, states to set, settings, payloads, a followed clock
+    other_inputs    the rules for requests, states to set, settings, payloads, wrenches, a clock
     frames          the frames of a URDF's links, for /tf of a recording
     outputs         the messages of a cycle: state, clock, frames, model, tip, energy
     engine          events in, one cycle, messages out: the only mutator of the state

@@ -1,6 +1,8 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The actuators: from commanded efforts and targets to the efforts that act on the joints.
+"""The actuators: from accepted commands to the efforts that act on the joints.
+
+    accepted command -> drop-out (drop.commands) -> delay (delay.commands) -> actuators
 
     effort = commanded effort + p (target - position) + d (target velocity - velocity)
 
@@ -11,12 +13,19 @@ have one convention. Motors with a lag follow it. A reflex, if there is one, bra
 the step in which an effort would jump; and after a step in which a joint has left its limits, or
 the external wrench is too large. Commands are refused then until a reset.
 
+The delay applies to targets and feed-forward efforts; servos act after it, on the true state. So
+does the watchdog: after `command_timeout` without a command it brakes the joints, sets zero
+efforts, or has the servos hold the position, until the next command; or it is a reflex, which ends
+at a reset. Commands in flight are lost then. It counts cycles, so it stops in a pause, and a
+replay is equal.
+
 See docs/decisions/0033-one-state-one-step.md and 0032-one-table-of-effects.md.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,17 +33,23 @@ from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.arm.conventions import named
+from pfd_ros.arm.noise import Channel, uniform
 from pfd_ros.arm.plant import EXTERNAL, Plant
 from pfd_ros.arm.plant_settings import in_model_order
-from pfd_ros.arm.settings import Settings
-from pfd_ros.arm.state import ACTED, BRAKE, State
+from pfd_ros.arm.settings import Settings, timeout_steps
+from pfd_ros.arm.state import ACTED, BRAKE, EFFORT, POSITION, VELOCITY, State
 from pfd_ros.text import cut
 
 # For a joint whose model states no limit: the weight of all links at an arm of 5 m, N m or N, and
 # at least 1000; rad/s or m/s.
 LEVER, WIDE_EFFORT, WIDE_SPEED = 50.0, 1000.0, 100.0
-
-
+# Reactions of the watchdog, by `on_timeout`.
+ACTIONS = {
+    'brake': 'brakes on',
+    'zero': 'zero efforts',
+    'hold': 'servos hold the position',
+    'stop': 'brakes on until ~/reset',
+}
 # Settings of the reflexes.
 REFLEXES = 'reflex_effort_rate', 'reflex_position', 'reflex_velocity', 'reflex_external_effort'
 
@@ -158,3 +173,79 @@ def restart(state: State) -> None:
     """Discard the last efforts, and end a reflex."""
     state.tripped = ''
     state.motors.before[:] = np.nan
+
+
+def timeout_text(settings: Settings) -> str:
+    """Return the line about a watchdog that has acted."""
+    return (
+        f'no command for {settings.command_timeout:g} s (command_timeout): '
+        f'{ACTIONS[settings.on_timeout]}; a topic-based hardware of ros2_control sends none while '
+        'its command equals the state: give it '
+        '<param name="trigger_joint_command_threshold">-1</param>'
+    )
+
+
+class Link:
+    """What the settings decide about the link.
+
+    `drop` is the share of the commands that are lost, and after `delay` cycles one acts. If it is
+    `idle`, nothing acts but commands, at once.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self._on_timeout, self._seed = settings.on_timeout, settings.seed
+        self.drop, self.delay = settings.drop_commands, settings.command_delay_steps
+        self._convention, self._seconds = settings.convention, settings.command_timeout
+        self._timeout = timeout_steps(settings.command_timeout, settings.step_size)
+        self.idle = not self.delay and math.isinf(self._timeout)
+
+    def loses(self, state: State) -> bool:
+        """Return whether chance loses a command that was sent."""
+        lost = bool(uniform(self._seed, Channel.COMMAND_DROP, state.sent, 1)[0] < self.drop)
+        state.lost += lost
+        return lost
+
+    def send(self, state: State) -> None:
+        """Let the newest command act after the delay."""
+        arrival = state.cycle + 1 + self.delay
+        if state.line and state.line[-1][0] == arrival:
+            state.line.pop()
+        state.line.append((arrival, state.newest.copy()))
+
+    def advance(self, state: State) -> bool:
+        """Begin a cycle; return whether brakes have changed, which native code must be told."""
+        changed = False
+        while state.line and state.line[0][0] <= state.cycle:
+            arrived = state.line.pop(0)[1]
+            # To compare the brakes is faster than to set all inputs.
+            changed |= arrived[BRAKE].tobytes() != state.acting[BRAKE].tobytes()
+            state.acting[:], state.heard = arrived, state.cycle
+        if state.heard is None or state.cycle - state.heard < self._timeout:
+            return changed
+        if self._on_timeout == 'hold':
+            held = np.where(state.acting[BRAKE] > 0.0, np.nan, state.rows[state.now, 0])
+            stop(state)
+            state.acting[POSITION] = state.newest[POSITION] = held
+        else:
+            stop(state, brake=self._on_timeout in ('brake', 'stop'))
+        state.silenced = True
+        state.timeouts += 1
+        # A reflex ignores the jumps that the watchdog causes.
+        restart(state)
+        if self._on_timeout == 'stop':
+            text = f'no command for {self._seconds:g} s'
+            trip(state, named(self._convention, 'command_timeout', text))
+        return True
+
+
+def stop(state: State, *, brake: bool = False) -> None:
+    """Discard all commands: zero efforts, no targets, the brakes closed or as they are."""
+    acting = state.acting
+    acting[EFFORT] = 0.0
+    acting[[POSITION, VELOCITY]] = np.nan
+    if brake:
+        acting[BRAKE] = 1.0
+    state.newest[:] = acting
+    state.line.clear()
+    state.trajectory = None
+    state.heard, state.silenced = None, False

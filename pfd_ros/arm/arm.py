@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.arm import actuators
-from pfd_ros.arm.actuators import Actuators
-from pfd_ros.arm.link import Link, stop
+from pfd_ros.arm.actuators import Actuators, Link, stop
 from pfd_ros.arm.plant import Plant, Plants
 from pfd_ros.arm.plant_settings import check_joints_without_values, in_model_order
 from pfd_ros.arm.sensors import Sensors

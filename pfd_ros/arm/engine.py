@@ -22,7 +22,7 @@ from contextlib import suppress
 from copy import deepcopy
 
 import pfd_core as pfd
-from pfd_ros.arm import commands, events, other_inputs, trajectory, wrench
+from pfd_ros.arm import commands, events, other_inputs, trajectory
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.events import ACCEPTED, ALL, Change, Message, RefusedError, Verdict
 from pfd_ros.arm.frames import LinkFrames
@@ -40,7 +40,7 @@ RULES: dict[str, Callable[[Arm, bytes], Change]] = {
     events.SET_STATE: other_inputs.set_state,
     events.REQUESTS: other_inputs.request,
     events.PARAMETERS: other_inputs.parameters,
-    events.WRENCH: wrench.rule,
+    events.WRENCH: other_inputs.external_wrench,
     events.PAYLOAD: other_inputs.payload,
     events.CLOCK_TICKS: other_inputs.tick,
 }
@@ -200,7 +200,7 @@ class Engine(Arm):
             self.fail(f'simulated time is at its end: stamps hold {LAST_SECOND} s')
         if self.watched and not state.failure and self.link.advance(state):
             self.note_inputs()
-        if self.wrenched and wrench.advance(state):
+        if self.wrenched and other_inputs.advance_wrench(state):
             self.stale = True
         if state.jump is not None:
             self.jump()

@@ -1,36 +1,39 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The rules for all inputs but commands and wrenches.
+"""The rules for all inputs but commands.
 
 Requests come as JSON, {"request": "step", "count": 5}, and new values of settings as well,
 {"real_time_factor": 0.5}. A state to set is a JointState, a payload an inertia in a frame that
 the last link carries, and the clock that the arm may follow is the clock of another node: at its
 first tick, and at the first one after a pause, a reset or an activation, simulated time is set to
-the tick without a step. After that the arm steps up to the newest tick.
+the tick without a step. After that the arm steps up to the newest tick. Wrenches and payloads are
+computed in Python's own floats, in a fixed order: the same bits on every machine.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 import json
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_ros.arm import wrench
+import pfd_core as pfd
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.commands import check_joints, check_reach
 from pfd_ros.arm.events import MOST_STEPS, OUTSIDE_STOPS, Change, RefusedError, Verdict
 from pfd_ros.arm.plant import Plant, with_own_effects
 from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD
-from pfd_ros.arm.settings import Settings, check_counts, typed_values
+from pfd_ros.arm.settings import Settings, check_counts, timeout_steps, typed_values
+from pfd_ros.arm.state import ACTED, NEXT, State
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import decode_joints
 from pfd_ros.messages.numbers import decode_clock, decode_numbers
 from pfd_ros.messages.text_and_arrays import decode_string, encode_string
-from pfd_ros.messages.types import INERTIA
+from pfd_ros.messages.types import INERTIA, WRENCH
 from pfd_ros.text import cut, listed
 
 # pause, resume: stop or continue simulated time. step: a number of steps while paused. reset:
@@ -39,6 +42,9 @@ from pfd_ros.text import cut, listed
 REQUEST_NAMES = ('pause', 'resume', 'step', 'reset', 'activate', 'deactivate', 'clear_wrench')
 # Largest number of steps for one tick: at 1 kHz a hundred seconds.
 MOST_STEPS_AHEAD = 100_000
+# Far more than any arm bears, N and N m; a simulation under more would not stay finite.
+LARGEST_WRENCH = 1e5
+Vector = tuple[float, ...]
 
 
 def encode_request(name: str, **more: int) -> bytes:
@@ -77,7 +83,7 @@ def _requested(arm: Arm, name: str, count: int) -> None:
     elif name in ('pause', 'resume'):
         state.paused, state.left = name == 'pause', 0
     elif name == 'clear_wrench':
-        wrench.clear(state)
+        clear_wrench(state)
     elif name == 'reset':
         _reset(arm)
     else:
@@ -99,7 +105,7 @@ def _reset(arm: Arm) -> None:
     state.epoch, state.sent = state.cycle + 1, 0
     arm.discard_commands(brake=True)
     state.reset_ns = state.since_ns
-    wrench.clear(state)
+    clear_wrench(state)
 
 
 def set_state(arm: Arm, data: bytes) -> Change:
@@ -152,8 +158,8 @@ def parameters(arm: Arm, data: bytes) -> Change:
 def payload(arm: Arm, data: bytes) -> Change:
     """Check a payload; a mass of 0 removes it."""
     _, frame_id, (mass, *body) = decode_numbers(data, INERTIA)
-    frame = wrench.tip_frame(arm.robot, frame_id)
-    values = mass, *wrench.body_at_tip(frame, body[:3], body[3:])
+    frame = tip_frame(arm.robot, frame_id)
+    values = mass, *body_at_tip(frame, body[:3], body[3:])
     return _changed(arm, dict(zip(PAYLOAD, values, strict=True)))
 
 
@@ -218,3 +224,88 @@ def _follow(arm: Arm, tick_ns: int) -> None:
         state.origin_ns = tick_ns - state.step * state.first.step_ns
         state.since_ns = tick_ns
     state.until_ns = tick_ns
+
+
+def external_wrench(arm: Arm, data: bytes) -> Change:
+    """Check a wrench, expressed in the frame of its header and applied at its origin."""
+    stamp_ns, frame_id, numbers = decode_numbers(data, WRENCH)
+    if not arm.wrenched:
+        raise RefusedError('refused', 'start the arm with external_wrench:=true')
+    if not all(map(math.isfinite, numbers)):
+        raise RefusedError('not_finite', 'contains a number that is not finite')
+    if max(map(abs, numbers)) > LARGEST_WRENCH:
+        raise RefusedError('refused', f'expected {LARGEST_WRENCH:g} N and N m at most')
+    since_ns = arm.state.reset_ns
+    if 0 != stamp_ns < since_ns:
+        raise RefusedError('stale', f'stamp {stamp_ns} ns, expected {since_ns} ns or later')
+    frame = tip_frame(arm.robot, frame_id)
+    return _push, (wrench_at_tip(frame, numbers[:3], numbers[3:]),)
+
+
+def _push(arm: Arm, wrench: Vector) -> None:
+    """Let a wrench act for `external_wrench_timeout`, or until it is replaced, for 0."""
+    settings, state = arm.state.settings, arm.state
+    steps = timeout_steps(settings.external_wrench_timeout, settings.step_size)
+    state.wrench[NEXT] = wrench
+    state.wrench_left = None if math.isinf(steps) else int(steps)
+
+
+def clear_wrench(state: State) -> None:
+    """Let no wrench act from the next step on."""
+    state.wrench[NEXT], state.wrench_left = 0.0, None
+
+
+def advance_wrench(state: State) -> bool:
+    """Begin a step, perhaps without the wrench of the last one; return whether it is another."""
+    if state.wrench_left:
+        state.wrench_left -= 1
+    elif state.wrench_left is not None:
+        clear_wrench(state)
+    acted, following = state.wrench
+    if acted.tobytes() == following.tobytes():
+        return False
+    state.wrench[ACTED] = following
+    return True
+
+
+def tip_frame(robot: pfd.Robot, name: str) -> Any:
+    """Return a frame that is fixed to a robot's last link; refuse another one."""
+    frame = robot.frames.get(name)
+    if frame is None or frame.link != robot.links:
+        why = 'is not a frame of the arm' if frame is None else 'does not move with the last link'
+        carried = [robot.tip, *(k for k, f in robot.frames.items() if f.link == robot.links)]
+        names = listed(list(dict.fromkeys(carried)))
+        raise RefusedError(
+            'unknown_names', f'frame_id {cut(name)!r} {why}; expected one of {names}'
+        )
+    return frame
+
+
+def _rotated(rotation: Sequence[Sequence[float]], vector: Sequence[float]) -> Vector:
+    x, y, z = vector
+    return tuple(row[0] * x + row[1] * y + row[2] * z for row in rotation)
+
+
+def wrench_at_tip(frame: Any, force: Sequence[float], torque: Sequence[float]) -> Vector:
+    """Return force and moment (6,) in the last link's frame and about its origin, N and N m."""
+    rotation, (x, y, z) = frame.rotation.tolist(), frame.translation.tolist()
+    fx, fy, fz = _rotated(rotation, force)
+    mx, my, mz = _rotated(rotation, torque)
+    return fx, fy, fz, mx + (y * fz - z * fy), my + (z * fx - x * fz), mz + (x * fy - y * fx)
+
+
+def body_at_tip(
+    frame: Any, center: Sequence[float], inertia: Sequence[float]
+) -> tuple[Vector, Vector]:
+    """Return centre of mass (3,) and inertia (6,) of a body in a frame in the last link's frame.
+
+    The inertia is (xx, xy, xz, yy, yz, zz), about the centre.
+    """
+    rotation = frame.rotation.tolist()
+    xx, xy, xz, yy, yz, zz = inertia
+    # R J R^T, column by column: R J R^T = R (R J)^T, since J is symmetric.
+    half = [_rotated(rotation, row) for row in ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))]
+    columns = [_rotated(rotation, row) for row in zip(*half, strict=True)]
+    upper = tuple(columns[i][j] for i in range(3) for j in range(i, 3))
+    moved = zip(_rotated(rotation, center), frame.translation.tolist(), strict=True)
+    return tuple(a + b for a, b in moved), upper

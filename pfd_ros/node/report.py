@@ -14,6 +14,7 @@ import threading
 import time
 from typing import Any
 
+from pfd_ros.arm.actuators import timeout_text
 from pfd_ros.arm.advice import Speeding, speeding, stated
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import (
@@ -30,7 +31,6 @@ from pfd_ros.arm.events import (
     UNCLAIMED,
     Verdict,
 )
-from pfd_ros.arm.link import timeout_text
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.node.endpoints import Endpoints
 from pfd_ros.node.stepping import RESEND_SECONDS, Stepper

@@ -78,8 +78,8 @@ class ShownLog:
         problems: dict[str, None] = {}
         if not log.complete:
             problems[f'{path} was cut off: it is shown up to the cut'] = None
-        self.urdf, folder = _model(log, robot, other)
-        states = _states(log, topic, self.urdf)
+        self.urdf, folder = _model(log, robot, other, problems)
+        states = _states(log, topic, self.urdf, problems)
         self.joints = tuple(name for name in states.names if name in self.urdf.joints)
         self.unreadable = states.unreadable
         unknown = [name for name in states.names if name not in self.urdf.joints]
@@ -146,16 +146,24 @@ class ShownLog:
 
 
 def _model(
-    log: LogArrays, robot: str | None, other: pfd.Urdf | None
+    log: LogArrays, robot: str | None, other: pfd.Urdf | None, problems: dict[str, None]
 ) -> tuple[pfd.Urdf, Path | None]:
-    """Return the model that is named, or the URDF or the robot in a log, and its folder."""
+    """Return the model that is named, or the first URDF or the robot in a log, and its folder."""
     if robot is not None:
         return named_model(robot)
     folder = folder_of(str((log.settings or {}).get('robot', '')))
-    for topic in (name for name in log if name.rpartition('/')[2] == DESCRIPTION):
-        if _readable(log, topic, STRING):
-            text = str(log[topic].data[-1])
-            return with_meshes(parsed_urdf(text, f'{topic} of {log.path}'), folder)
+    found = {
+        topic: {str(text): None for text in log[topic].data}
+        for topic in log
+        if topic.rpartition('/')[2] == DESCRIPTION and _readable(log, topic, STRING)
+    }
+    if found:
+        topic = next(iter(found))
+        if len({text for texts in found.values() for text in texts}) > 1:
+            line = f'several robots on {listed([*found])}: shown is the last of {cut(topic)}'
+            problems[f'{line}; --robot names another'] = None
+        text = str(log[topic].data[-1])
+        return with_meshes(parsed_urdf(text, f'{topic} of {log.path}'), folder)
     if log.robot is not None:
         text = pfd.robot_to_urdf(log.robot)
         return with_meshes(parsed_urdf(text, f'the robot in {log.path}'), folder)
@@ -167,7 +175,9 @@ def _model(
     )
 
 
-def _states(log: LogArrays, topic: str | None, urdf: pfd.Urdf) -> TopicArrays:
+def _states(
+    log: LogArrays, topic: str | None, urdf: pfd.Urdf, problems: dict[str, None]
+) -> TopicArrays:
     """Return the joint states to show."""
     known = {
         t: set(log[t].names) & urdf.joints.keys() for t in log if _readable(log, t, JOINT_STATE)
@@ -175,8 +185,11 @@ def _states(log: LogArrays, topic: str | None, urdf: pfd.Urdf) -> TopicArrays:
     if topic is None and not known:
         why = [why for t in log if (why := log.obstacle(t))]
         raise ValueError('; '.join(why) or f'{log.path} has no messages of {JOINT_STATE}')
-    named = [t for t in known if t.rpartition('/')[2] == STATES]
-    chosen = topic or max(named or known, key=lambda t: len(known[t]))
+    named = [t for t in known if t.rpartition('/')[2] == STATES] or [*known]
+    chosen = topic or max(named, key=lambda t: len(known[t]))
+    if topic is None and len(named) > 1:
+        line = f'several topics of joint states, {listed(named)}: shown is {cut(chosen)}'
+        problems[f'{line}; --topic names another'] = None
     if chosen not in known:
         raise ValueError(
             f'{log.path} has no topic {chosen!r} of {JOINT_STATE}; it has {listed(list(known))}'

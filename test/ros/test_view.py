@@ -25,7 +25,7 @@ import warnings
 
 from arm_messages import efforts, payload, placed, wrench
 from devtools import Page, needs_browser, opened, red
-from logs import STATES, Row, joint_state, write_mcap
+from logs import STATES, STRING, Row, joint_state, string, write_mcap
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -803,6 +803,22 @@ def test_what_a_log_lacks_is_a_line(name: str, tmp_path) -> None:
     found = ShownLog(write_mcap(tmp_path / 'a.mcap', rows), robot='planar2')
     assert any(words in line for line in found.problems)
     assert (np.diff(found.time) > 0.0).all()
+
+
+@pytest.mark.parametrize('same', [True, False])
+def test_of_several_robots_and_joint_states_those_shown_are_named(tmp_path, same: bool) -> None:
+    models = [urdf(), urdf() if same else urdf(visual('<sphere radius="0.1"/>'))]
+    sides = {'/right': models[0], '/left': models[1]}
+    rows = [Row(f'{side}/robot_description', 0.0, string(text)) for side, text in sides.items()]
+    for side in ('/left', '/right')[: 1 + (not same)]:
+        rows += [Row(f'{side}/joint_states', t, joint_state(['swing'], [t])) for t in (1.0, 2.0)]
+    kinds = {f'{side}/robot_description': STRING for side in sides}
+    found = ShownLog(write_mcap(tmp_path / 'a.mcap', rows, kinds))
+    told = [line for line in found.problems if line.startswith('several')]
+    assert len(told) == (0 if same else 2)
+    assert same or 'shown is the last of /right/robot_description; --robot' in told[0]
+    assert same or 'shown is /left/joint_states; --topic' in told[1]
+    assert found.urdf.text == models[0]
 
 
 def test_joint_states_that_cannot_be_read_are_an_error(tmp_path) -> None:

@@ -3,7 +3,8 @@
 """`pfd send`: one reference or command to a topic, without the command `ros2`.
 
 The type of the message is the type that the subscriber expects. An arm publishes on `~/rejected`
-what it refuses, and why: the command listens there for a moment and fails.
+what it refuses, and why: the command listens there for a moment and fails. An arm takes a command
+with some unknown joints, and ignores these: such a command is not sent.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ def _run(given: argparse.Namespace) -> int:
     from rclpy.duration import Duration
     from std_msgs.msg import String
 
-    from pfd_ros.arm.events import REJECTED
+    from pfd_ros.arm.events import REJECTED, ROLES, SET_STATE
     from pfd_ros.node.visitor import resolved, visitor
 
     deadline = time.monotonic() + given.patience
@@ -79,6 +80,15 @@ def _run(given: argparse.Namespace) -> int:
             for name, answer in answers.items()
             if answer in known
         ]
+        if found == [JOINT_STATE] and not topic.endswith(str(ROLES[SET_STATE].topic)[1:]):
+            arms = [name for name, answer in answers.items() if answer in known]
+            joints = [joint for name in arms for joint in _joints(node, name)]
+            strange = [name for name in message.name if name not in joints]
+            if joints and strange:
+                raise ValueError(
+                    f'nothing sent to {topic}: no moving joints of an arm are {listed(strange)}; '
+                    f'known are {listed(joints)}'
+                )
         for subscription in listening:
             _first(subscription.get_publisher_count, deadline + 1.0)
         publisher.publish(message)
@@ -91,6 +101,20 @@ def _run(given: argparse.Namespace) -> int:
         raise ValueError('; '.join(f'rejected by {name}: {why}' for name, why in refused.items()))
     print_lines([f'sent {found[0]} to {topic}'])
     return 0
+
+
+def _joints(node: Any, arm: str) -> list[str]:
+    """Return the moving joints of an arm, which have a parameter each; [] without an answer."""
+    from rcl_interfaces.srv import ListParameters
+    import rclpy
+
+    client = node.create_client(ListParameters, f'{arm}/list_parameters')
+    if not client.wait_for_service(ANSWER_SECONDS):
+        return []
+    answer = client.call_async(ListParameters.Request(prefixes=['damping']))
+    rclpy.spin_until_future_complete(node, answer, timeout_sec=ANSWER_SECONDS)
+    names = answer.result().result.names if answer.done() else []
+    return [joint for name in names if (joint := name.partition('.')[2])]
 
 
 def _refused(refused: dict[str, str], name: str, message: Any) -> None:

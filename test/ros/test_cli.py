@@ -621,7 +621,6 @@ def test_send_reaches_an_arm_and_names_a_topic_without_subscribers(processes, pe
 @pytest.mark.parametrize(
     ('words', 'reason'),
     [
-        ('/joint_commands elbw=3.5', 'joint_commands unknown_names'),
         ('/sim_arm/commands 1', 'commands wrong_size'),
         ('/joint_commands shoulder=1 --field position', 'joint_commands no_effort'),
     ],
@@ -633,6 +632,24 @@ def test_send_fails_with_the_reason_why_the_arm_refuses_the_message(
     done = process('send', *words.split(), ROS_DOMAIN_ID=str(processes.domain))
     assert (done.returncode, done.stdout) == (1, '')
     assert re.fullmatch(f'pfd send: rejected by /sim_arm: .* .{reason}.\n', done.stderr)
+    arm.stop()
+
+
+@pytest.mark.ros
+def test_send_names_joints_that_no_arm_moves_and_sends_nothing(processes, peer_of) -> None:
+    locked = ('-p', 'locked:=[elbow]')
+    arm, peer = processes.arm('-p', 'robot:=planar2', *locked), peer_of(processes)
+    domain = {'ROS_DOMAIN_ID': str(processes.domain)}
+    done = process('send', '/joint_commands', 'shoulder=3.5', 'elbow=1', 'shouldr=1', **domain)
+    assert (done.returncode, done.stdout) == (1, '')
+    unknown = "no moving joints of an arm are ['elbow', 'shouldr']; known are ['shoulder']"
+    assert done.stderr == f'pfd send: nothing sent to /joint_commands: {unknown}\n'
+    peer.wait(lambda: len(peer.states) > 10)
+    assert not any(state.velocity[0] for state in peer.states)
+    # A state may name locked joints.
+    words = ('/sim_arm/set_state', 'shoulder=0.5', 'elbow=0', '--field', 'position')
+    done = process('send', *words, **domain)
+    assert (done.returncode, done.stderr) == (0, '')
     arm.stop()
 
 

@@ -34,7 +34,8 @@ from pfd_ros.text import cut
 # Multiple of the velocity limit beyond every intended motion. Under the torque-speed limit, which
 # is on by default, a joint that oscillates at full effort comes close to 2 and never above.
 RUNAWAY = 1.5
-# With fewer commands nothing answers the states: there are no gains.
+# With fewer commands nothing answers the states: there are no gains. What answers is not known of
+# more: the same torque may be published again and again.
 FEWEST_COMMANDS = 10
 
 
@@ -116,7 +117,8 @@ def speeding(
         found += ' (assumed, the model has none)'
     remedy = 'a real arm would stop with a fault; move slower'
     if commands < FEWEST_COMMANDS:
-        remedy = _constant_remedy(robot, scene, joint, from_file)
+        came = f'{commands} command{"s" * (commands != 1)} came, so a constant torque drives it'
+        remedy = came + _constant_remedy(robot, scene, joint, from_file)
     elif ratio >= RUNAWAY:
         remedy = _rotor_remedy(robot, scene, joint, from_file)
     return Speeding(ratio, f'{found}: {remedy}')
@@ -139,8 +141,8 @@ def _constant_remedy(robot: pfd.Robot, scene: pfd.Scene, joint: int, from_file: 
     if ends and not _acts(robot, scene, 'joint_limits', joint):
         missing['stops'] = '-p joint_limits:=true'
     if not missing:
-        return 'a constant torque drives it; no controller answers the states'
-    text = f'a constant torque drives it, with no {" or ".join(missing)} in this scene'
+        return '; no controller answers the states'
+    text = f', with no {" or ".join(missing)} in this scene'
     return text if from_file else f'{text}: {" ".join(missing.values())}'
 
 

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from rclpy.serialization import serialize_message
 
 import pfd_core as pfd
-from pfd_ros.arm.advice import gain_limits
+from pfd_ros.arm.advice import FEWEST_COMMANDS, gain_limits
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import ACCEPTED, BUSY, COMMANDS
 from pfd_ros.arm.plant import INPUT, Plant, acceleration_kernel
@@ -76,6 +76,16 @@ def message(node: str, tasks: Iterable[DiagnosticStatus]) -> bytes:
 def compiled_scene(plant: Plant) -> pfd.Scene:
     """Return the scene that native code is compiled for: it may take the payload as an input."""
     return replace(plant.scene, payload=INPUT) if plant.inputs else plant.scene
+
+
+def control_period(published: float, simulated: float, commands: float) -> float:
+    """Return the time from one command to the next [s], of the commands in a simulated time [s].
+
+    It is that of the published states, or a multiple of it: a controller may answer fewer.
+    """
+    if commands < FEWEST_COMMANDS:
+        return published
+    return published * max(1, round(simulated / (published * commands)))
 
 
 class MassKernels:
@@ -192,8 +202,8 @@ class ArmDiagnostics:
             self._kernels = MassKernels(engine)
         kernels = self._kernels
         kinetic, potential = kernels.energy(q, qd, **payload)
-        # A controller acts on each published state.
-        period = settings.publish_every * settings.step_ns / NANOSECONDS
+        published = settings.publish_every * settings.step_ns / NANOSECONDS
+        period = control_period(published, new['simulated'], new['accepted'])
         speed = speed_of(engine)
         values = {
             'robot': settings.robot,

@@ -187,6 +187,17 @@ def test_diagnostics_report_each_task_of_the_node(processes, peer_of) -> None:
     peer.wait(lambda: told('commands', 'accepted') == '1')
     assert 0.0 <= float(told('commands', 'age_of_newest_s')) < 1000.0
     peer.wait(lambda: float(told('simulation', 'kinetic_energy_J')) > 0.0)
+
+    def longer_period() -> bool:
+        peer.let_pass(3)
+        peer.command(JOINTS, [1.0] * 6)
+        return float(told('simulation', 'control_period_s')) > 0.0015
+
+    # A controller that answers each third state has a longer period, and lower gains.
+    peer.wait(longer_period)
+    _, _, values = of('simulation')
+    expected = 2.0 / float(values['control_period_s'])
+    assert float(values['pd_limit.kp_over_kd']) == pytest.approx(expected, rel=1e-5)
     for status in came[-1].status:
         for text in (status.message, *(pair.value for pair in status.values)):
             assert len(text) < 250

@@ -55,7 +55,7 @@ from pfd_core.model.plant import Plant
 from pfd_core.model.robot import Frame, gathered, spread
 
 
-def record_pose(plant: Plant, frame: Frame) -> Program:
+def record_tip_pose(plant: Plant, frame: Frame) -> Program:
     """Return the program of the homogeneous pose, (4, 4), in the base link's frame, from q."""
     recorder, joints, R, e = _joints_to(plant, frame)
     with recorder.section('pose'):
@@ -69,7 +69,7 @@ def record_pose(plant: Plant, frame: Frame) -> Program:
     return program_with_outputs(recorder, pose=pose)
 
 
-def record_jacobian(plant: Plant, frame: Frame) -> Program:
+def record_tip_jacobian(plant: Plant, frame: Frame) -> Program:
     """Return the program of the Jacobian of a frame's origin, (6, n), linear first, from q."""
     recorder, joints, _, e = _joints_to(plant, frame)
     J = array([[0.0] * plant.robot.links] * 6)
@@ -90,7 +90,7 @@ def record_jacobian(plant: Plant, frame: Frame) -> Program:
     return program_with_outputs(recorder, jacobian=[gathered(plant.robot, row) for row in J])
 
 
-def record_velocity(plant: Plant, frame: Frame) -> Program:
+def record_tip_velocity(plant: Plant, frame: Frame) -> Program:
     """Return the program of J qd, (6,), linear first, from q and qd."""
     recorder, joints, _, e = _joints_to(plant, frame)
     rates = spread(plant.robot, input_list(recorder, 'qd', plant.robot.n))[: len(joints)]

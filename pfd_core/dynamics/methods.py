@@ -6,8 +6,8 @@ Methods of forward dynamics: the table FORWARD, one row each.
     H(q) qdd + C(q, qd) qd + G(q) = tau        Lee and Chang 1987, eq. (1)
 
 Kernels, emulation and the tables of the documentation follow from the rows. A new method is a row,
-which names the function that records its program; its module is imported when the method is first
-recorded. Inputs are described in pfd_core.dynamics.interface.
+which names the module with the function that records its program, record_<name of the method>; it
+is imported when the method is first recorded. Inputs are described in pfd_core.dynamics.interface.
 
 On n lanes all METHODS, which kernels offer, take our form of the bias, which has fewer steps than
 the paper's NE1 (pfd_core.paper.newton_euler).
@@ -32,7 +32,7 @@ class Method:
 
     name: str
     title: str  # what it is called on pages
-    record: str  # 'module.function' of pfd_core, of a plant, and of a schedule for n lanes
+    module: str  # of pfd_core; its record_<name> takes a plant, and for n lanes a schedule
     # Whether it has a repeated part, the outputs `iterations` and `converged`, and the argument
     # `tolerance`.
     iterative: bool = False
@@ -43,89 +43,61 @@ class Method:
     @property
     def serial(self) -> bool:
         """Whether it is for one processor; the others have a lane for each joint."""
-        return self.record.startswith('dynamics.')
+        return self.module.startswith('dynamics.')
 
     def __call__(self, plant: Plant, schedule: str, **options: Any) -> Program:
         """Record the program; `options` are further arguments of the method's function."""
         place = () if self.serial else (schedule,)
-        program: Program = load(self.record)(plant, *place, **options)
+        program: Program = load(f'{self.module}.record_{self.name}')(plant, *place, **options)
         return program
 
 
 _ROWS = (
+    Method('walker_orin_1', "Walker and Orin's method 1", 'dynamics.composite'),
+    Method('walker_orin_2', "Walker and Orin's method 2", 'dynamics.composite'),
+    Method('walker_orin_3', "Walker and Orin's method 3", 'dynamics.composite'),
+    Method('walker_orin_4', "Walker and Orin's method 4", 'dynamics.conjugate', iterative=True),
     Method(
-        'walker_orin_1', "Walker and Orin's method 1", 'dynamics.composite.record_walker_orin_1'
-    ),
-    Method(
-        'walker_orin_2', "Walker and Orin's method 2", 'dynamics.composite.record_walker_orin_2'
-    ),
-    Method(
-        'walker_orin_3', "Walker and Orin's method 3", 'dynamics.composite.record_walker_orin_3'
-    ),
-    Method(
-        'walker_orin_4',
-        "Walker and Orin's method 4",
-        'dynamics.conjugate.record_walker_orin_4',
-        iterative=True,
-    ),
-    Method(
-        'articulated_body',
-        "Featherstone's articulated-body method",
-        'dynamics.articulated.record_articulated_body',
+        *('articulated_body', "Featherstone's articulated-body method", 'dynamics.articulated'),
         followers=False,
     ),
-    Method('pcrbm', 'Parallel composite rigid bodies', 'paper.composite.record_pcrbm'),
+    Method('pcrbm', 'Parallel composite rigid bodies', 'paper.composite'),
     Method(
-        'pcrbm_array',
-        'Parallel composite rigid bodies with the triangular array',
-        'paper.array.record_pcrbm_array',
+        'pcrbm_array', 'Parallel composite rigid bodies with the triangular array', 'paper.array'
     ),
-    Method('pcgm', 'Parallel conjugate gradients', 'paper.conjugate.record_pcgm', iterative=True),
+    Method('pcgm', 'Parallel conjugate gradients', 'paper.conjugate', iterative=True),
+    Method('pcrbm_base_origin', 'PCRBM about the base origin', 'paper.composite'),
     Method(
-        'pcrbm_base_origin',
-        'PCRBM about the base origin',
-        'paper.composite.record_pcrbm_base_origin',
+        *('divide_and_conquer', 'Divide and conquer, after Featherstone 1999'),
+        'paper.divide_and_conquer',
     ),
     Method(
-        'divide_and_conquer',
-        'Divide and conquer, after Featherstone 1999',
-        'paper.divide_and_conquer.record_divide_and_conquer',
-    ),
-    Method(
-        'articulated_body_doubling',
-        'Articulated bodies by recursive doubling',
-        'paper.articulated_doubling.record_articulated_body_doubling',
+        *('articulated_body_doubling', 'Articulated bodies by recursive doubling'),
+        'paper.articulated_doubling',
     ),
     # It needs links with a mass and an inertia.
     Method(
-        'constraint_forces',
-        "Constraint forces, after Fijany, Sharf and D'Eleuterio 1995",
-        'paper.constraint_forces.record_constraint_forces',
+        *('constraint_forces', "Constraint forces, after Fijany, Sharf and D'Eleuterio 1995"),
+        'paper.constraint_forces',
         compiled=False,
     ),
     Method(
-        'composite_body',
-        'Composite bodies with grouped parameters, for kernels',
-        'dynamics.composite.record_composite_body',
+        *('composite_body', 'Composite bodies with grouped parameters, for kernels'),
+        'dynamics.composite',
         payload=True,
     ),
     Method(
-        'grouped_articulated_body',
-        'Articulated bodies with grouped parameters, for kernels',
-        'dynamics.articulated.record_grouped_articulated_body',
+        *('grouped_articulated_body', 'Articulated bodies with grouped parameters, for kernels'),
+        'dynamics.articulated',
         payload=True,
         followers=False,
     ),
     Method(
-        'pcrbm_1987',
-        'PCRBM step by step as in the paper, for comparison',
-        'paper.composite.record_pcrbm_1987',
+        *('pcrbm_1987', 'PCRBM step by step as in the paper, for comparison', 'paper.composite'),
         compiled=False,
     ),
     Method(
-        'pcgm_1987',
-        'PCGM step by step as in the paper, for comparison',
-        'paper.conjugate.record_pcgm_1987',
+        *('pcgm_1987', 'PCGM step by step as in the paper, for comparison', 'paper.conjugate'),
         compiled=False,
     ),
 )

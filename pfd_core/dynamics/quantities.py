@@ -4,8 +4,8 @@
 Quantities of a robot in a scene: the table QUANTITIES, one row each.
 
 Kernels and the outputs of the node follow from the rows; docs/reference/quantities.md describes
-them. A new quantity is a row, which names the function that records its program; its module is
-imported when the quantity is first recorded.
+them. A new quantity is a row, which names the module with the function that records its program,
+record_<name of the quantity>; it is imported when the quantity is first recorded.
 
 Each program is recorded for one processor, with one output. Every argument is an input of the
 program, with n elements (wrench: 6), also where no output depends on it.
@@ -48,6 +48,7 @@ BIAS = _fields(
     )
 )
 ENERGY = _fields(lambda effect: effect.at_rest or effect.inertia)
+KINEMATICS, FRAMES = 'kinematics', 'frames'
 
 
 @dataclass(frozen=True)
@@ -59,12 +60,16 @@ class Quantity:
     shape: tuple[int | str, ...]  # of the result for n joints, such as (6, 'n')
     effects: tuple[str, ...]  # fields of Scene that it depends on
     method: str = ''  # its algorithm; empty if it has one of METHODS, and steps of refinement
-    # 'module.function' of pfd_core, of a plant, or of a plant and a frame; empty without an
-    # algorithm.
-    record: str = ''
-    of_frame: bool = False  # whether it refers to a frame
+    # Module of pfd_core.dynamics, by default the one of its algorithm's name; its record_<name>
+    # takes a plant, and in `frames` a frame of the robot.
+    module: str = ''
     wrench: bool = False  # whether a wrench is an argument in every scene
     instant: bool = False  # whether effects that act over a step of time are refused
+
+    @property
+    def of_frame(self) -> bool:
+        """Whether it refers to a frame."""
+        return self.module == FRAMES
 
     def __call__(self, plant: Plant, frame: str | None = None) -> Program:
         """Record the program."""
@@ -73,14 +78,9 @@ class Quantity:
         if self.instant:
             check_instant(plant)
         place = (plant.robot.frame(frame),) if self.of_frame else ()
-        program: Program = load(self.record)(plant, *place)
+        record = f'dynamics.{self.module or self.method}.record_{self.name}'
+        program: Program = load(record)(plant, *place)
         return program
-
-
-def _of_frame(
-    name: str, shape: tuple[int | str, ...], record: str, *arguments: str, wrench: bool = False
-) -> Quantity:
-    return Quantity(name, arguments, shape, (), 'kinematics', record, True, wrench)
 
 
 STATE = ('q', 'qd', 'tau')
@@ -88,45 +88,16 @@ _ROWS = (
     Quantity('forward_dynamics', STATE, ('n',), EVERYTHING, instant=True),
     Quantity('derivatives', STATE, ('n', '3n'), EVERYTHING, instant=True),
     Quantity(
-        'inverse_dynamics',
-        ('q', 'qd', 'qdd'),
-        ('n',),
-        UNBRAKED,
-        'newton_euler',
-        'dynamics.newton_euler.record_inverse_dynamics',
+        *('inverse_dynamics', ('q', 'qd', 'qdd'), ('n',), UNBRAKED, 'newton_euler'),
         instant=True,
     ),
-    Quantity(
-        'inertia_matrix',
-        ('q',),
-        ('n', 'n'),
-        BODIES,
-        'composite_body',
-        'dynamics.composite.record_inertia_matrix',
-    ),
-    Quantity(
-        'bias_torques',
-        ('q', 'qd'),
-        ('n',),
-        BIAS,
-        'newton_euler',
-        'dynamics.newton_euler.record_bias_torques',
-        instant=True,
-    ),
-    Quantity(
-        'gravity_torques',
-        ('q',),
-        ('n',),
-        AT_REST,
-        'first_moments',
-        'dynamics.newton_euler.record_gravity_torques',
-    ),
-    Quantity(
-        'energy', ('q', 'qd'), (2,), ENERGY, 'link_velocities', 'dynamics.energy.record_energy'
-    ),
-    _of_frame('wrench_torques', ('n',), 'dynamics.frames.record_wrench_torques', 'q', wrench=True),
-    _of_frame('tip_pose', (4, 4), 'dynamics.frames.record_pose', 'q'),
-    _of_frame('tip_jacobian', (6, 'n'), 'dynamics.frames.record_jacobian', 'q'),
-    _of_frame('tip_velocity', (6,), 'dynamics.frames.record_velocity', 'q', 'qd'),
+    Quantity('inertia_matrix', ('q',), ('n', 'n'), BODIES, 'composite_body', 'composite'),
+    Quantity('bias_torques', ('q', 'qd'), ('n',), BIAS, 'newton_euler', instant=True),
+    Quantity('gravity_torques', ('q',), ('n',), AT_REST, 'first_moments', 'newton_euler'),
+    Quantity('energy', ('q', 'qd'), (2,), ENERGY, 'link_velocities', 'energy'),
+    Quantity('wrench_torques', ('q',), ('n',), (), KINEMATICS, FRAMES, wrench=True),
+    Quantity('tip_pose', ('q',), (4, 4), (), KINEMATICS, FRAMES),
+    Quantity('tip_jacobian', ('q',), (6, 'n'), (), KINEMATICS, FRAMES),
+    Quantity('tip_velocity', ('q', 'qd'), (6,), (), KINEMATICS, FRAMES),
 )
 QUANTITIES = {row.name: row for row in _ROWS}

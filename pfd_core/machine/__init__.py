@@ -8,7 +8,6 @@ What only n lanes need is in pfd_core.paper: data moved between lanes, recurrenc
 In the order from recording to result:
 
     operations   the closed table of operations: meaning, LLVM spelling, cost, rules of derivatives
-    fused        meaning of `fma` on NumPy arrays, one rounding
     recorder     Lanes (the traced type, one value per lane) and Recorder, which writes the program
                  for a processor a lane or for one
     lanes        functions of lane values: on, merge, where, sqrt, sin, cos

@@ -20,11 +20,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+import math
 from typing import Any
 
 import numpy as np
-
-from pfd_core.machine.fused import fused
+from numpy.typing import NDArray
 
 # A sign, and a function of the result and the operands.
 Partial = tuple[float, Callable[..., Any]]
@@ -47,6 +47,47 @@ class Operation:
     # For each operand the partial derivative of the result; empty where the operation has none,
     # and its derivative is refused.
     partials: tuple[Partial, ...] = ()
+
+
+def fused(a: NDArray[Any], b: NDArray[Any], c: NDArray[Any]) -> NDArray[Any]:
+    """
+    Return a b + c with one rounding, to nearest, ties to even, which NumPy lacks.
+
+    Arrays that broadcast, all of float64 or all of float32 (else ValueError), give the bits of
+    IEEE 754, signs of zeros and infinities included, and NaN for any NaN result.
+    """
+    a, b, c = np.broadcast_arrays(a, b, c)
+    if a.dtype not in (np.float64, np.float32) or not a.dtype == b.dtype == c.dtype:
+        raise ValueError(
+            'a, b and c must all be float64 or all float32, '
+            f'got {a.dtype}, {b.dtype} and {c.dtype}: convert them first'
+        )
+    with np.errstate(all='ignore'):
+        # A product that is an exact zero, infinite or NaN leaves the sum nothing to lose.
+        result = np.array(a * b + c)
+        rounded = np.isfinite(a) & np.isfinite(b) & (a != 0) & (b != 0)
+        for at in map(tuple, np.argwhere(rounded)):
+            result[at] = _rounded_once(*(float(x[at]) for x in (a, b, c)), a.dtype == np.float32)
+    return result
+
+
+def _rounded_once(a: float, b: float, c: float, again: bool) -> float:
+    """Return a b + c of finite a and b, to nearest, or to odd if it is rounded `again`."""
+    if not math.isfinite(c):
+        return c
+    (p, q), (r, s), (t, u) = (x.as_integer_ratio() for x in (a, b, c))
+    above, below = p * r * u + t * q * s, q * s * u
+    try:
+        near = above / below  # integers in Python, so that the quotient is rounded once
+    except OverflowError:
+        return math.inf if above > 0 else -math.inf
+    x, y = near.as_integer_ratio()
+    rest = above * y - x * below
+    if again and rest and not np.float64(near).view(np.int64) & 1:
+        # A number whose last bit is one is no tie when it is rounded to fewer digits: Boldo and
+        # Melquiond, IEEE Transactions on Computers 57(4), 2008.
+        return math.nextafter(near, math.inf if rest > 0 else -math.inf)
+    return near
 
 
 def _one(z: Any, *operands: Any) -> float:

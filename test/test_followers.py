@@ -108,13 +108,19 @@ class Whole:
     def __init__(self, text: str, robot: pfd.Robot) -> None:
         self.model, self.n = pin.buildModelFromXML(text), robot.n
         self.data = self.model.createData()
-        rules = pfd.read_urdf(text)
-        assert rules is not None
-        names = list(self.model.names)[1:]
+        urdf = pfd.read_urdf(text)
+        assert urdf is not None
 
         def at(*q: float) -> Array:
-            moved = rules.with_followers(dict(zip(robot.joint_names, q, strict=True)))
-            return np.array([moved.get(name, 0.0) for name in names])
+            given = dict(zip(robot.joint_names, q, strict=True))
+
+            def position(name: str) -> float:
+                rule = urdf.joints[name].mimic
+                if rule is None:
+                    return given.get(name, 0.0)
+                return rule.multiplier * position(rule.leader) + rule.offset
+
+            return np.array([position(name) for name in list(self.model.names)[1:]])
 
         self.c = at(*np.zeros(self.n))
         self.G = np.stack([at(*unit) - self.c for unit in np.eye(self.n)], axis=1)

@@ -19,7 +19,7 @@ import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pfd_core.forking import load
-from pfd_core.model.locking import lock, locks
+from pfd_core.model.locking import lock, locked_positions, locks
 from pfd_core.model.robot import Robot
 from pfd_core.model.scene import Scene, scene_from_yaml
 from pfd_core.model.values import quote, quote_all, switch
@@ -203,7 +203,7 @@ def locked_joints(
     model, given = _model(source, base, tip, xacro), {} if locked is None else locked
     if isinstance(model, Robot):
         return locks(model, given)
-    at = load('model.urdf_chain.lockable')(model, given)
+    at = locked_positions(model.name, given, model.joints)
     return dict(load('model.urdf_chain.find_chain')(model, base, tip, at).locked)
 
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from fnmatch import fnmatchcase
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from pfd_core.model.geometry import (
     seen_in,
     snapped,
 )
-from pfd_core.model.robot import JOINT_FIELDS, Frame, Robot, chain_of, check_robot
+from pfd_core.model.robot import JOINT_FIELDS, JOINT_TYPES, Frame, Robot, chain_of, check_robot
 from pfd_core.model.values import LARGEST, MOST_NAMES, quote, quote_all, real_number
 
 
@@ -43,15 +44,8 @@ def locks(robot: Robot, positions: Mapping[str, float | None]) -> dict[str, floa
     """Return the positions [rad, m] of the joints that `lock` fixes, checked, by name."""
     check_robot(robot)
     ends = zip(robot.position_lower.tolist(), robot.position_upper.tolist(), strict=True)
-    limits = dict(zip(robot.joint_names, ends, strict=True))
-    at = locked_positions(positions, limits)
-    for name, position in at.items():
-        if name not in limits:
-            raise ValueError(
-                f'cannot lock {quote(name)}: {quote(robot.name)} has no such joint, only '
-                f'{quote_all(limits)}'
-            )
-        check_locked_position(name, position, *limits[name])
+    rows = zip(robot.joint_names, map(Lockable, robot.joint_types, ends), strict=True)
+    at = locked_positions(robot.name, positions, dict(rows))
     if len(at) == robot.n:
         raise ValueError(
             f'cannot lock all {robot.n} joints of {quote(robot.name)}; leave at least one free'
@@ -111,51 +105,76 @@ def _without(robot: Robot, at: Mapping[str, float]) -> Robot:
     )
 
 
+class Lockable(NamedTuple):
+    """What a position of a joint depends on; a joint of a URDF has the same fields."""
+
+    kind: str
+    bounds: tuple[float, float]  # [rad, m]
+    mimic: Any = None  # how it follows another one (pfd_core.model.urdf.Mimic)
+
+
 def locked_positions(
-    positions: Mapping[str, float | None], limits: Mapping[str, tuple[float, float]]
+    robot: str, positions: Mapping[str, float | None], joints: Mapping[str, Any]
 ) -> dict[str, float]:
     """
-    Return the positions [rad, m] of locked joints as floats, by the name of the joint.
+    Return the positions [rad, m] of locked joints, and of those that follow them, by name.
 
-    A key that is not in `limits` and has *, ? or [ is a pattern, of all names that match it; names
-    have precedence over patterns, and these over later ones. None is next to 0 within the limits.
-    ValueError for a pattern without a match.
+    Joints are as Lockable. A key that is no name and has *, ? or [ is a pattern, of all names that
+    match it; names have precedence over patterns, and these over later ones. A number has
+    precedence over the rule of a follower, this over None, which is next to 0 within the limits.
+    ValueError, with the name of the robot, for a name or pattern of no joint that moves and for a
+    position that is no finite number within the limits.
     """
     if not isinstance(positions, Mapping):
         raise ValueError(f'locked must map names of joints to positions, got {quote(positions)}')
-    given = dict(positions)
-    for name, x in given.items():
+    movable = {name: joint for name, joint in joints.items() if joint.kind in JOINT_TYPES}
+    known = f'joints that can be locked: {quote_all(movable)}'
+    found: dict[str, float | None] = {}
+    patterns: dict[str, float | None] = {}
+    for name, x in positions.items():
         if x is not None:
             label = f'position at which joint {quote(name)} is locked'
-            given[name] = real_number(label, x, largest=LARGEST)
-    patterns = [k for k in given if isinstance(k, str) and k not in limits and set(k) & set('*?[')]
-    found = {name: x for name, x in given.items() if name not in patterns}
-    for pattern in patterns:
-        matched = [name for name in limits if fnmatchcase(name, pattern)]
+            x = real_number(label, x, largest=LARGEST)
+        if name in movable:
+            found[name] = x
+        elif isinstance(name, str) and set(name) & set('*?['):
+            patterns[name] = x
+        else:
+            has = f'it as a {joints[name].kind} joint' if name in joints else 'no such joint'
+            raise ValueError(f'cannot lock {quote(name)}: {quote(robot)} has {has}; {known}')
+    for pattern, x in patterns.items():
+        matched = [name for name in movable if fnmatchcase(name, pattern)]
         if not matched:
-            raise ValueError(
-                f'cannot lock {quote(pattern)}: it matches no joint; joints that can be locked: '
-                f'{quote_all(limits)}'
-            )
-        found |= {name: given[pattern] for name in matched if name not in found}
-    # Without limits a name is unknown, which is for the caller to say.
-    return {
-        name: next_to_zero(*limits.get(name, (0.0, 0.0))) if x is None else x
+            raise ValueError(f'cannot lock {quote(pattern)}: it matches no joint; {known}')
+        found |= {name: x for name in matched if name not in found}
+    rules = {name: joint.mimic for name, joint in movable.items() if joint.mimic is not None}
+    at = {
+        name: next_to_zero(*movable[name].bounds) if x is None else x
         for name, x in found.items()
+        # A pattern that matches a joint and its leader is no position of the follower.
+        if positions.get(name) is not None or name not in rules or rules[name].leader not in found
     }
+    while followers := {
+        name: rule.at(at[rule.leader])
+        for name, rule in rules.items()
+        if name not in at and rule.leader in at
+    }:
+        at |= followers
+    for name, position in at.items():
+        rule, (lower, upper) = rules.get(name), movable[name].bounds
+        # A follower may be out of its limits where its leader puts it.
+        led = rule and rule.leader in at and position == rule.at(at[rule.leader])
+        if not (led or lower <= position <= upper):
+            raise ValueError(
+                f'cannot lock joint {quote(name)} at {position}: its limits are {lower} and '
+                f'{upper}'
+            )
+    return at
 
 
 def next_to_zero(lower: float, upper: float) -> float:
     """Return the position next to zero [rad, m] between two limits."""
     return min(max(0.0, lower), upper)
-
-
-def check_locked_position(name: str, position: float, lower: float, upper: float) -> None:
-    """Raise ValueError for a position [rad, m] at which a joint cannot be locked."""
-    if not lower <= position <= upper:
-        raise ValueError(
-            f'cannot lock joint {quote(name)} at {position}: its limits are {lower} and {upper}'
-        )
 
 
 def how_to_lock(positions: Mapping[str, float | None]) -> str:

@@ -9,7 +9,7 @@ file and the line; other readers drop an <inertial> that they cannot read, and t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from itertools import islice
@@ -19,11 +19,11 @@ from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 from pfd_core.model.geometry import angles_of_quaternion
-from pfd_core.model.locking import locked_positions
 from pfd_core.model.robot import JOINT_TYPES, known_limits
 from pfd_core.model.urdf_rotors import ROTORS, TRANSMISSIONS, armature_of, type_of, values_in
 from pfd_core.model.urdf_xml import (
     Place,
+    PlacedElement,
     Triple,
     error_at,
     named,
@@ -31,6 +31,7 @@ from pfd_core.model.urdf_xml import (
     numbers,
     only,
     place_of,
+    placed,
     robot_element,
     triple,
 )
@@ -48,29 +49,7 @@ OTHER_HALF = {'iyx': 'ixy', 'izx': 'ixz', 'izy': 'iyz'}
 HALVES_TOLERANCE = 1e-6
 # Versions of the format; from 1.1 on an orientation may be a quaternion.
 VERSIONS, QUATERNIONS = ('1.0', '1.1', '1.2'), 'quat_xyzw'
-# Names that are read, those of attributes and of children together, by element.
-KNOWN: Mapping[str, tuple[str, ...]] = {
-    'robot': ('name', 'version', 'link', 'joint', 'transmission'),
-    'link': ('name', 'inertial'),
-    'inertial': ('origin', 'mass', 'inertia'),
-    'origin': ('xyz', 'rpy'),
-    'mass': ('value',),
-    'inertia': (*INERTIA_KEYS, *OTHER_HALF),
-    'joint': (
-        *('name', 'type', 'origin', 'parent', 'child', 'axis', 'limit', 'dynamics', 'mimic'),
-        EQUALITY,
-    ),
-    EQUALITY: ('name',),
-    'parent': ('link',),
-    'child': ('link',),
-    'axis': ('xyz',),
-    'limit': ('lower', 'upper', 'velocity', 'effort'),
-    'dynamics': ('damping', 'friction'),
-    'mimic': ('joint', 'multiplier', 'offset'),
-    'transmission': ('name', 'type'),
-}
-# These hold elements; others have attributes alone.
-HOLDS_ELEMENTS = ('robot', 'link', 'inertial', 'joint')
+LOSSES = ('damping', 'friction')
 # What these hold is physics: whatever of it is not read is named.
 PHYSICAL = ('origin', 'mass', 'inertia', 'axis', 'limit', 'dynamics', 'mimic', 'transmission')
 # Names of the format and of other tools that are not read here, and are no misspelt ones.
@@ -178,32 +157,6 @@ class Urdf:
         """The source, as the start of an error."""
         return Place(self.source, 0)
 
-    def with_followers(self, locked: Mapping[str, float | None]) -> dict[str, float]:
-        """
-        Return the positions [rad, m] of locked joints and of the joints that mimic them.
-
-        Names may be patterns, as in `load_robot`. A given position has precedence over a mimic,
-        and that over a pattern or None. ValueError if it is no mapping of names to numbers.
-        """
-        movable = {name: j for name, j in self.joints.items() if j.kind in JOINT_TYPES}
-        rules = {name: j.mimic for name, j in movable.items() if j.mimic is not None}
-        every = locked_positions(locked, {name: j.bounds for name, j in movable.items()})
-        # A pattern that matches a joint and its leader is no position of the follower.
-        found = {
-            name: position
-            for name, position in every.items()
-            if locked.get(name) is not None or name not in rules or rules[name].leader not in every
-        }
-        while True:
-            followers = {
-                name: rule.at(found[rule.leader])
-                for name, rule in rules.items()
-                if name not in found and rule.leader in found
-            }
-            if not followers:
-                return found
-            found |= followers
-
 
 def parse_urdf(text: str, source: str = 'URDF text', lines: bool = True) -> Urdf:
     """
@@ -217,8 +170,7 @@ def parse_urdf(text: str, source: str = 'URDF text', lines: bool = True) -> Urdf
     if version not in VERSIONS:
         problem = f'must be one of {", ".join(VERSIONS)}, got {quote(version)}'
         raise error_at(root, f'<robot version> {problem}')
-    turned = version != VERSIONS[0]
-    known = {**KNOWN, 'origin': (*KNOWN['origin'], QUATERNIONS)} if turned else KNOWN
+    turned, name = version != VERSIONS[0], root.get('name') or 'robot'
     bodies = named(root, 'link').items()
     links = {name: _inertial(e, f'link {quote(name)}', turned) for name, e in bodies}
     if not links:
@@ -229,30 +181,20 @@ def parse_urdf(text: str, source: str = 'URDF text', lines: bool = True) -> Urdf
             problem = f'the URDF has {len(found)} {kind}, more than the {MOST_LINKS} supported'
             raise error_at(root, problem)
     _check_mimics(joints)
-    misspelt, unread = _not_read(root, known)
-    return Urdf(
-        name=root.get('name') or 'robot',
-        links=links,
-        joints=joints,
-        armature=armature_of(root, joints),
-        text=text,
-        source=source,
-        misspelt=misspelt,
-        unread=unread,
-    )
+    armature = armature_of(root, joints)
+    misspelt, unread = _not_read(root)
+    return Urdf(name, links, joints, armature, text, source, misspelt, unread)
 
 
-def _not_read(
-    root: Element, known: Mapping[str, tuple[str, ...]]
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _not_read(root: Element) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return what is not read: names that resemble one that is, and others of `PHYSICAL`."""
     misspelt: list[str] = []
     others: dict[tuple[str, str], list[str]] = {}
-    for place, tag, name in islice(_unread(root, known), MOST_COMPARED):
-        if _resembles(name, known[tag]):
+    for place, element, name in islice(_unread(placed(root)), MOST_COMPARED):
+        if _resembles(name, element.attributes | element.children):
             misspelt.append(place)
-        elif tag in PHYSICAL or name in PHYSICAL:
-            others.setdefault((tag, name), []).append(place)
+        elif element.tag in PHYSICAL or name in PHYSICAL:
+            others.setdefault((element.tag, name), []).append(place)
     unread = []
     for (_, name), places in others.items():
         advice = f' (read in version {VERSIONS[1]})' if name == QUATERNIONS else ''
@@ -261,33 +203,31 @@ def _not_read(
     return tuple(misspelt), tuple(unread)
 
 
-def _unread(
-    element: Element, known: Mapping[str, tuple[str, ...]], outer: str = ''
-) -> Iterator[tuple[str, str, str]]:
-    """Yield attributes and elements that are not read: place, tag of the element, and name."""
-    tag, name = element.tag, element.get('name')
-    place = f'{outer}<{tag}{"" if name is None else f" name={quote(name)}"}>'
-    holds, line = tag in HOLDS_ELEMENTS, place_of(element).short
+def _unread(element: PlacedElement, outer: str = '') -> Iterator[tuple[str, PlacedElement, str]]:
+    """Yield attributes and children that were not read: place, the element, and their name."""
+    name, line = element.attrib.get('name'), element.place.short
+    place = f'{outer}<{element.tag}{"" if name is None else f" name={quote(name)}"}>'
+    transmission = type_of(element) if element.tag == 'transmission' else None
     for key in element.attrib:
-        if key not in known[tag] or (holds and key in known):
-            yield f'{place} {quote(key.rpartition("}")[2])[1:-1]}={line}', tag, key
+        if key not in element.attributes:
+            yield f'{place} {quote(key.rpartition("}")[2])[1:-1]}={line}', element, key
     # It may hold anything, but a rotor only in its <actuator>.
-    if tag == 'transmission':
+    if transmission is not None:
         for outside in (element, *element.findall('joint')):
             for key, _ in values_in(outside):
                 if key in ROTORS:
-                    yield f'{place} <{key}>{line}', tag, key
-        if type_of(element) not in TRANSMISSIONS:
-            yield f'{place} of type {quote(type_of(element))}{line}', tag, 'type'
+                    yield f'{place} <{key}>{line}', element, key
+        if transmission not in TRANSMISSIONS:
+            yield f'{place} of type {quote(transmission)}{line}', element, 'type'
         return
-    for child in element:
-        if holds and child.tag in known[tag] and child.tag in known:
-            yield from _unread(child, known, f'{place} ')
+    for child in map(placed, element):
+        if child.tag in element.children:
+            yield from _unread(child, f'{place} ')
         else:
-            yield f'{place} <{quote(child.tag)[1:-1]}>{place_of(child).short}', tag, child.tag
+            yield f'{place} <{quote(child.tag)[1:-1]}>{child.place.short}', element, child.tag
 
 
-def _resembles(name: str, known: tuple[str, ...]) -> bool:
+def _resembles(name: str, known: Set[str]) -> bool:
     """Return whether a name is like one of those that are read; other tools have a prefix."""
     if name in FOREIGN or ':' in name or '}' in name:
         return False
@@ -301,8 +241,9 @@ def _origin(parent: Element, label: str, turned: bool) -> Origin:
     """Return the frame that an element states; `turned` where a quaternion may state its axes."""
     element = only(parent, 'origin', label)
     xyz = triple(element, 'xyz', label)
-    if not turned or element is None or QUATERNIONS not in element.attrib:
-        return Origin(xyz, triple(element, 'rpy', label))
+    angles = triple(element, 'rpy', label)
+    if not turned or element is None or element.get(QUATERNIONS) is None:
+        return Origin(xyz, angles)
     if 'rpy' in element.attrib:
         raise error_at(element, f'<origin> of {label} has rpy and {QUATERNIONS}; it may have one')
     quaternion = numbers(element, QUATERNIONS, label, 4)
@@ -388,9 +329,9 @@ def _limits(element: Element, kind: str, label: str) -> tuple[dict[str, float], 
     elif kind in ('revolute', 'prismatic'):
         missing = ('no <limit>',)
     if dynamics is not None:
-        keys = (key for key in KNOWN['dynamics'] if dynamics.get(key) is not None)
+        keys = [key for key in LOSSES if dynamics.get(key) is not None]
         found |= {key: number(dynamics, key, label) for key in keys}
-    for key in KNOWN['dynamics']:
+    for key in LOSSES:
         if found.get(key, 0.0) < 0:
             raise error_at(
                 element if dynamics is None else dynamics,

@@ -13,7 +13,7 @@ from itertools import takewhile
 from types import MappingProxyType
 from typing import NamedTuple
 
-from pfd_core.model.locking import check_locked_position, how_to_lock, next_to_zero
+from pfd_core.model.locking import how_to_lock, locked_positions, next_to_zero
 from pfd_core.model.robot import JOINT_TYPES
 from pfd_core.model.urdf import NOT_A_CHAIN, Joint, Mimic, Urdf
 from pfd_core.model.values import MOST_NAMES, quote, quote_all
@@ -65,25 +65,6 @@ class Chain(NamedTuple):
     carriers: Mapping[str, Joint | None]  # of a link: the moving joint, or None for the base's
     above: list[Joint]  # from the root to the held link
     locked: Mapping[str, float]  # position [rad, m] of each joint that is locked
-
-
-def lockable(urdf: Urdf, locked: Mapping[str, float | None]) -> dict[str, float]:
-    """Return the positions [rad, m] of joints to lock and of joints that mimic these."""
-    at = urdf.with_followers(locked)
-    for name, position in at.items():
-        joint = urdf.joints.get(name)
-        if joint is None or joint.kind not in JOINT_TYPES:
-            found = 'has no such joint' if joint is None else f'has it as a {joint.kind} joint'
-            movable = [j.name for j in urdf.joints.values() if j.kind in JOINT_TYPES]
-            raise ValueError(
-                f'cannot lock {quote(name)}: {quote(urdf.name)} {found}; joints that can be '
-                f'locked: {quote_all(movable)}'
-            )
-        rule = joint.mimic
-        # A follower may be out of its limits where its leader puts it.
-        if rule is None or rule.leader not in at or position != rule.at(at[rule.leader]):
-            check_locked_position(name, position, *joint.bounds)
-    return at
 
 
 def find_chain(
@@ -355,7 +336,7 @@ def _places(urdf: Urdf, joints: Sequence[Joint], locked: Mapping[str, float]) ->
             at[first.name] = next_to_zero(*first.bounds)
     if unled:
         _refuse_unled(unled)
-    at = urdf.with_followers(at)
+    at = locked_positions(urdf.name, at, urdf.joints)
     return {joint.name: at[joint.name] for joint in joints}
 
 

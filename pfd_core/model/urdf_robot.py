@@ -33,7 +33,7 @@ from pfd_core.model.geometry import (
     welded_fields,
     without_residue,
 )
-from pfd_core.model.locking import how_to_lock
+from pfd_core.model.locking import how_to_lock, locked_positions
 from pfd_core.model.robot import (
     JOINT_TYPES,
     Follower,
@@ -44,7 +44,7 @@ from pfd_core.model.robot import (
     warn,
 )
 from pfd_core.model.urdf import Inertial, Joint, Mimic, Origin, Urdf
-from pfd_core.model.urdf_chain import Chain, find_chain, lockable, rule_of
+from pfd_core.model.urdf_chain import Chain, find_chain, rule_of
 from pfd_core.model.values import (
     LARGEST,
     Array,
@@ -75,7 +75,7 @@ def robot_from_urdf(
     if urdf.unread:
         warn(f'{urdf.place}: not read: {listed(urdf.unread, comma="; ")}')
     urdf, written = _with_right_angles(urdf, slack), urdf
-    given = lockable(urdf, {} if locked is None else locked)
+    given = locked_positions(urdf.name, {} if locked is None else locked, urdf.joints)
     chain = find_chain(urdf, base, tip, given)
     _warn_of_locks(urdf, chain, given)
     frames = _link_frames(chain)

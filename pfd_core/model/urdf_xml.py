@@ -1,11 +1,15 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""XML of a URDF, bounded in size and depth: elements with their lines, and numbers in them."""
+"""
+XML of a URDF, bounded in size and depth: elements with their lines, and numbers in them.
+
+An element knows which of its attributes and children were read, so that the others can be named.
+"""
 
 from __future__ import annotations
 
 import re
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
@@ -35,21 +39,41 @@ class Place(NamedTuple):
 
 
 class PlacedElement(Element):
-    """An element that knows its place."""
+    """An element that knows its place, and the names of attributes and children that were read."""
 
-    __slots__ = ('place',)
+    __slots__ = ('attributes', 'children', 'place')
     place: Place
+
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self.attributes: set[str] = set()
+        self.children: set[str] = set()
+
+    def get(self, key: str, default: Any = None) -> Any:
+        """Return the text of an attribute."""
+        self.attributes.add(key)
+        return super().get(key, default)
+
+    def findall(self, path: str, namespaces: Any = None) -> list[Any]:
+        """Return the children with a tag."""
+        self.children.add(path)
+        return super().findall(path, namespaces)
 
 
 def error_at(element: Element, problem: str) -> ValueError:
     """Return an error that starts with the place of an element."""
-    return ValueError(f'{place_of(element)}: {problem}')
+    return ValueError(f'{placed(element).place}: {problem}')
+
+
+def placed(element: Element) -> PlacedElement:
+    """Return an element of `robot_element`."""
+    assert isinstance(element, PlacedElement)
+    return element
 
 
 def place_of(element: Element) -> Place:
     """Return where an element is."""
-    assert isinstance(element, PlacedElement)
-    return element.place
+    return placed(element).place
 
 
 def robot_element(text: str, source: str, lines: bool) -> Element:
@@ -149,7 +173,7 @@ def triple(
     element: Element | None, key: str, label: str, silent: Triple = (0.0, 0.0, 0.0)
 ) -> Triple:
     """Return the three numbers in an attribute; `silent` are those of an optional one."""
-    if element is None or key not in element.attrib:
+    if element is None or element.get(key) is None:
         return silent
     x, y, z = numbers(element, key, label, 3)
     return x, y, z

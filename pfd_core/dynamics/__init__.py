@@ -19,18 +19,16 @@ Serial dynamics: the algorithms that kernels are made of, each recorded once as 
     actuators      servos and limits of motors, which decide once a control cycle
 
     newton_euler   torques of links: inverse dynamics, bias, y = tau - bias
-    factors        H = L' D L and its solution, with braked joints
-    composite      H by composite bodies or by columns, and qdd
+    composite      H by composite bodies or by columns, its factors L' D L, and qdd
     articulated    qdd by articulated bodies
     conjugate      qdd by conjugate gradients
     energy         kinetic and potential energy, gravity torques
     frames         pose, Jacobian and velocity of a frame, joint torques of a wrench on it
 
     derivatives    d inverse dynamics / d(q, qd), over composite bodies that move
-    inverse        H^-1 by its factor or by articulated bodies, with steps of refinement
-    acceleration   d qdd / d(q, qd, tau): the factors X and D, and their product
-    refinement     a method with steps of iterative refinement, and its error estimate
-    convergence    whether an iterative method has converged, by the equations of motion
+    acceleration   d qdd / d(q, qd, tau): the factors D and X = H^-1, refined
+    refinement     a method with steps of iterative refinement, its error estimate, and whether an
+                   iterative method has converged, by the equations of motion
 
 A new effect of a joint is a record in pfd_core.model.effects, and nothing in here changes. An
 effect of the motors has its torques in `drives` as well, an effect of the links or of gravity in

@@ -12,6 +12,16 @@ and the bias are by-products, and H = L' D L gives qdd and X. D of the joints an
 are tangents of the programs of their torques (pfd_core.machine.derivative). Both are diagonal but
 for the gravity that the drives compensate.
 
+X is by the factor of H, row after row of L X = D^-1 L'^-1, whose right side is triangular, or, for
+methods by articulated bodies, column after column: the acceleration at rest by a unit torque. Only
+elements on and above the diagonal are kept of a column, so that its solution goes from its joint
+to the base and back, and X is symmetric. The articulated bodies are those of the acceleration and
+recorded once. A step of refinement computes the torques that each column misses, e_j - H x_j, link
+by link (parameters as given), and adds their accelerations by the same method, as
+pfd_core.dynamics.refinement does for accelerations. A factor loses digits with the condition
+number of H. Articulated bodies keep them where joints are coaxial, a refined column also where the
+tip is heavy (docs/decisions/0017-derivatives.md).
+
 A braked joint has zeros in its row and its column of X. At a motor limit, where the torque has
 no derivative, it is taken on the side that the program selects.
 
@@ -23,12 +33,20 @@ Cost: the product X D takes 2 n^3 multiplications, factors and X n^3 / 2 and all
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from pfd_core.dynamics.chain import chain_of
-from pfd_core.dynamics.convergence import with_nan_unless_converged
+from pfd_core.dynamics.composite import (
+    Factors,
+    Matrix,
+    factorise,
+    reduced,
+    solution,
+    symmetric,
+)
 from pfd_core.dynamics.derivatives import (
     by_positions,
     by_velocities,
@@ -37,20 +55,27 @@ from pfd_core.dynamics.derivatives import (
     moving_chain,
 )
 from pfd_core.dynamics.drives import record_motor_torques
-from pfd_core.dynamics.factors import Matrix, factorise, reduced, solution
 from pfd_core.dynamics.interface import free_input, program_with_outputs
-from pfd_core.dynamics.inverse import inverse_inertia
 from pfd_core.dynamics.joint_torques import minus_joint_torques, record_joint_torques
 from pfd_core.dynamics.numbers import rotors
-from pfd_core.dynamics.refinement import record_refined, refined
+from pfd_core.dynamics.refinement import (
+    record_refined,
+    record_residual,
+    refined,
+    solver,
+    with_nan_unless_converged,
+)
 from pfd_core.machine.derivative import derivative
 from pfd_core.machine.iteration import TOLERANCES
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder, inline
 from pfd_core.machine.vectors import array
+from pfd_core.model.effects import INERTIA
 from pfd_core.model.plant import Plant, check_instant, has_drives
 
 OWN_METHOD = 'composite_body'
+# Methods that solve for single columns; the others share the factor of composite bodies.
+BY_COLUMNS = ('articulated_body', 'grouped_articulated_body')
 
 
 def record_derivatives(
@@ -61,7 +86,7 @@ def record_derivatives(
 
     D is taken at the qdd of a method, with `refine` steps of refinement; an iterative method
     iterates to the rounding of `dtype`. X takes the same method and steps
-    (pfd_core.dynamics.inverse). Outputs are `qdd`, (n,), `X`, (n, n), `D`, (n, 2 n), and with
+    (`inverse_inertia`). Outputs are `qdd`, (n,), `X`, (n, n), `D`, (n, 2 n), and with
     motor limits `T`, (n,). ValueError for an unknown method and for effects that act over a step
     of time.
     """
@@ -130,3 +155,57 @@ def _with_joints_and_drives(
             total = total - array(motors[by]).reshape(n, n)
         D.append(total)
     return [[*row, *row_qd] for row, row_qd in zip(*D, strict=True)]
+
+
+def inverse_inertia(
+    recorder: Recorder, plant: Plant, factors: Factors, method: str, steps: int
+) -> Matrix:
+    """
+    Return H^-1, (n, n), symmetric, with rows and columns of zeros for braked joints.
+
+    It is by a method, with steps of refinement; methods that take no factors leave those unread.
+    """
+    n = plant.robot.n
+    zero, one = recorder.constant(0.0), recorder.constant(1.0)
+    still = replace(plant.only(INERTIA), external_wrench=False)
+    units = [[one if i == j else zero for i in range(n)] for j in range(n)]
+    by_columns = solver(recorder, still, method) if method in BY_COLUMNS else None
+
+    def solve(y: Sequence[Lanes]) -> list[Lanes]:
+        return solution(factors, y) if by_columns is None else by_columns(y)['qdd']
+
+    X = symmetric([solve(unit) for unit in units]) if by_columns else _by_factors(factors)
+    if not steps:
+        return X
+    residual = record_residual(still)
+    for _ in range(steps):
+        columns = []
+        for unit, x in zip(units, X, strict=True):
+            given = {'qd': [zero] * n, 'qdd': x, 'tau': unit}
+            missed = inline(recorder, residual, given)['residual']
+            columns.append([a + d for a, d in zip(x, solve(missed), strict=True)])
+        X = symmetric(columns)
+    return X
+
+
+def _by_factors(factors: Factors) -> Matrix:
+    """Return H^-1, row after row of L X = D^-1 L'^-1, whose right side is triangular."""
+    X: Matrix = []
+    for L, diagonal in zip(factors.L, factors.inverses, strict=True):
+        row: list[Lanes] = []
+        for j in range(len(L)):
+            column = (X[max(j, k)][min(j, k)] for k in range(len(L)))
+            row.append(-fused_product(L, column))
+        for factor, x in zip(L, row, strict=True):
+            diagonal = diagonal - factor * x
+        X.append([*row, diagonal])
+    return symmetric(X)
+
+
+def fused_product(row: Iterable[Lanes], column: Iterable[Lanes]) -> Lanes:
+    """Return the sum of products in their order, each fused with the sum of those before."""
+    total: Lanes | None = None
+    for x, d in zip(row, column, strict=True):
+        total = x * d if total is None else x.recorder.apply('fma', x, d, total)
+    assert total is not None
+    return total

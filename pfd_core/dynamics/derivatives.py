@@ -56,7 +56,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pfd_core.dynamics.chain import Chain
-from pfd_core.dynamics.factors import Matrix, add_rotors, projected
+from pfd_core.dynamics.composite import Matrix, add_rotors, projected
 from pfd_core.dynamics.joints import (
     ABOUT_Z,
     Force,

@@ -208,8 +208,7 @@ def forward(spec: KernelSpec, plant: Plant | None = None) -> Recipe:
 
     def record() -> Program:
         with no_fork:
-            from pfd_core.dynamics.convergence import with_nan_unless_converged
-            from pfd_core.dynamics.refinement import record_refined
+            from pfd_core.dynamics.refinement import record_refined, with_nan_unless_converged
             from pfd_core.machine.iteration import TOLERANCES
 
         recorded = record_refined(plant, method, refine, TOLERANCES[dtype])

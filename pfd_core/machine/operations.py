@@ -67,7 +67,8 @@ def fused(a: NDArray[Any], b: NDArray[Any], c: NDArray[Any]) -> NDArray[Any]:
         result = np.array(a * b + c)
         rounded = np.isfinite(a) & np.isfinite(b) & (a != 0) & (b != 0)
         for at in map(tuple, np.argwhere(rounded)):
-            result[at] = _rounded_once(*(float(x[at]) for x in (a, b, c)), a.dtype == np.float32)
+            x, y, z = (float(number[at]) for number in (a, b, c))
+            result[at] = _rounded_once(x, y, z, a.dtype == np.float32)
     return result
 
 

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.dynamics.convergence import CORRECTION
 from pfd_core.dynamics.methods import FORWARD, SERIAL, record_forward_dynamics
+from pfd_core.dynamics.refinement import CORRECTION
 from pfd_core.forking import no_fork
 from pfd_core.machine.emulator import run
 from pfd_core.machine.iteration import TOLERANCES

@@ -65,7 +65,7 @@ if TYPE_CHECKING:
     )
     from pfd_core.model.locking import lock
     from pfd_core.model.packages import find_package
-    from pfd_core.model.robot import Payload, PhysicsWarning, Robot, with_payload
+    from pfd_core.model.robot import Frame, Payload, PhysicsWarning, Robot, with_payload
     from pfd_core.model.rotors import estimated_armature, reflected_inertia
     from pfd_core.model.scene import Scene, scene_to_yaml
     from pfd_core.model.stops import start_positions
@@ -96,6 +96,7 @@ __all__ = [
     'AdaptiveTrajectory',
     'Ensemble',
     'Feedback',
+    'Frame',
     'Kernel',
     'Linearization',
     'MotorSimulator',
@@ -151,7 +152,7 @@ _NAMES = {
     ),
     'model.locking': 'lock',
     'model.packages': 'find_package',
-    'model.robot': 'Payload PhysicsWarning Robot with_payload',
+    'model.robot': 'Frame Payload PhysicsWarning Robot with_payload',
     'model.rotors': 'estimated_armature reflected_inertia',
     'model.scene': 'Scene scene_to_yaml',
     'model.stops': 'start_positions',

@@ -974,6 +974,10 @@ ROUNDING = 1e-14
 def robots() -> list[pfd.Robot]:
     rng = np.random.default_rng(5)
     made = [random_chain(rng, n) for n in (1, 4, 7)]
+    # Its joints have the names that fixed ones have by default, and its base is turned.
+    turned = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    names = tuple(f'{link}_fixed' for link in (made[1].base, made[1].tip, 'a', 'b'))
+    made.append(replace(made[1], name='fixed', joint_names=names, root_rotation=turned))
     return [*map(pfd.load_robot, pfd.known_robots()), pfd.load_robot(ODD_ARM), *made]
 
 

@@ -34,6 +34,7 @@ RESULTS |= {'SimulationState', 'Steps', 'Trajectory', 'TreeError', 'Urdf'}
 # Valid arguments of each public function and constructor, as far as it needs some.
 VALID: dict[str, dict[str, Any]] = {
     'Ensemble': {'robot': ROBOT, 'size': 2},
+    'Frame': {'link': 0, 'rotation': np.eye(3), 'translation': np.zeros(3)},
     'Feedback': {'kp': 1.0, 'kd': 1.0, 'q': ZERO},
     'MotorSimulator': {'robot': ROBOT},
     'MotorState': {'peaks': np.zeros(2)},
@@ -47,7 +48,7 @@ VALID: dict[str, dict[str, Any]] = {
     'Simulator': {'robot': ROBOT},
     'StateFeedback': {'gain': np.zeros((2, 4)), 'q': ZERO},
     'compile_kernel': {'robot': ROBOT},
-    'emulate': {'robot': ROBOT, 'q': ZERO, 'qd': ZERO, 'tau': ZERO},
+    'emulate': {'robot': ROBOT, 'q': ZERO, 'qd': ZERO, 'tau': ZERO, 'processors': 2},
     'estimated_armature': {'robot': ROBOT},
     'find_description': {'name': 'planar2'},
     'find_package': {'name': 'no_package', 'folder': '/nowhere'},
@@ -126,7 +127,6 @@ INSTANCES: dict[str, Callable[[], Any]] = {
     'Robot': lambda: ROBOT,
     'Scene': pfd.Scene,
     'Simulator': lambda: pfd.Simulator(ROBOT),
-    'Urdf': lambda: pfd.read_urdf(pfd.urdf_of('planar2')),
 }
 ZEROS: dict[str, Any] = {'q': ZERO, 'qd': ZERO, 'tau': ZERO}
 OUT = np.zeros(2)
@@ -169,7 +169,6 @@ METHODS: dict[str, dict[str, dict[str, Any]]] = {
         'rollout': {'taus': np.zeros((2, 2))},
         'step': {'tau': ZERO},
     },
-    'Urdf': {'with_followers': {'locked': {}}},
 }
 # Of the simulations among themselves.
 INTERNAL = {'clear', 'copy_from'}

@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 import pfd_core as pfd
-from pfd_core.model.robot import Frame
 
 robot = pfd.load_robot('ur5')
 payload = pfd.Payload(2.0, center=(0.0, 0.0, 0.1))
@@ -80,7 +79,7 @@ print('the contact torque from accelerations:', np.allclose(estimate, torques))
 # A URDF defines the frames of its links. Another one, such as a camera on the last link, has a
 # link, axes and an origin.
 lever = np.array([0.0, 0.05, 0.02])
-robot = replace(robot, frames={'camera': Frame(robot.n, np.eye(3), lever)})
+robot = replace(robot, frames={'camera': pfd.Frame(robot.n, np.eye(3), lever)})
 tip, camera = (of('tip_velocity', frame=frame)(q, qd) for frame in (None, 'camera'))
 moved = tip[:3] + np.cross(tip[3:], turn @ lever)
 print(list(robot.frames), 'camera velocity:', np.allclose(camera[:3], moved))

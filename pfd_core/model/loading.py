@@ -136,9 +136,9 @@ def load_robot(
     Parameters
     ----------
     source : str, path or Urdf
-        A name of `known_robots`, also of one with a description on disk, the path of a URDF, xacro
-        or YAML file, the text of a URDF or YAML file, or the record of a URDF as `read_urdf`
-        returns it.
+        A name of `known_robots`, also of one with a description on disk, the path of a URDF,
+        xacro, YAML or MJCF file, the text of a URDF or YAML file, or the record of a URDF as
+        `read_urdf` returns it.
     base, tip : str, optional
         First and last link of the chain in a URDF; default: the root link, and the link that the
         last joint moves, or the flange of a robot by name. The base is fixed: links above it and
@@ -281,7 +281,7 @@ def _read(source: object, xacro: Mapping[str, object] | None) -> _Read:
         raise ValueError(
             f'unknown robot {quote(str(source))}: known are {", ".join(known_robots())}, and with '
             f'a description of another package {", ".join(known_robots(described=True))}; or '
-            'give the path of a URDF, xacro or YAML file'
+            'give the path of a URDF, xacro, YAML or MJCF file'
         )
     text = _text('robot', path)
     root = _root_of(text, quote(str(path)))

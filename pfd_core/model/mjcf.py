@@ -32,7 +32,7 @@ from pfd_core.model.urdf_writer import (
     all_written,
     written,
 )
-from pfd_core.model.values import Array, quote, quote_all
+from pfd_core.model.values import Array, quote, quote_all, unused
 
 GRAVITY = (0.0, 0.0, -9.81)
 # Kinds of joints in the order of MuJoCo.
@@ -250,12 +250,12 @@ def _urdf(mujoco: Any, model: Any) -> str:
             links.append('')
             at.append(frame)
             continue
-        R, here = _rotation(model.body_quat[i]), model.body_pos[i] - at[parent]
+        R, here = _rotation(mujoco, model.body_quat[i]), model.body_pos[i] - at[parent]
         own = _joints_of(model, i)
         for j in own:
             name = bodies[i]
             if j != own[-1]:
-                name = _new(f'{bodies[i]}_{joints[j]}', taken)
+                name = unused(f'{bodies[i]}_{joints[j]}', taken)
                 add_link(root, name, (0.0, np.zeros(3), np.zeros((3, 3))))
             # The first joint turns the body, the next ones only lie elsewhere.
             origin = np.eye(3), model.jnt_pos[j] - frame
@@ -272,20 +272,20 @@ def _urdf(mujoco: Any, model: Any) -> str:
                 _add(joint, EQUALITY, name=coupled[j])
             link, frame = name, model.jnt_pos[j].copy()
         if not own:
-            connection = _new(f'{bodies[i]}_fixed', connections)
+            connection = unused(f'{bodies[i]}_fixed', connections)
             add_connection(root, connection, 'fixed', link, bodies[i], (R, here))
         links.append(bodies[i])
         at.append(frame)
-        turn = _rotation(model.body_iquat[i])
+        turn = _rotation(mujoco, model.body_iquat[i])
         inertia = turn @ np.diag(model.body_inertia[i]) @ turn.T
         add_link(root, bodies[i], (model.body_mass[i], model.body_ipos[i] - frame, inertia))
     for k, site in enumerate(sites):
         body = model.site_bodyid[k]
         if links[body]:
-            name = _new(site, taken)
+            name = unused(site, taken)
             _add(root, 'link', name=name)
-            place = _rotation(model.site_quat[k]), model.site_pos[k] - at[body]
-            connection = _new(f'{name}_site', connections)
+            place = _rotation(mujoco, model.site_quat[k]), model.site_pos[k] - at[body]
+            connection = unused(f'{name}_site', connections)
             add_connection(root, connection, 'fixed', links[body], name, place)
     ElementTree.indent(root)
     return f'<?xml version="1.0"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
@@ -358,24 +358,11 @@ def _names(model: Any, kind: str) -> list[str]:
     """Return the names of all elements of a kind; those without one are numbered."""
     found = [getattr(model, kind)(k).name for k in range(getattr(model, COUNTS[kind]))]
     taken = {*found}
-    return [name or _new(f'{kind}{k}', taken) for k, name in enumerate(found)]
+    return [name or unused(f'{kind}{k}', taken) for k, name in enumerate(found)]
 
 
-def _new(name: str, taken: set[str]) -> str:
-    """Return a name that is not taken yet, and take it."""
-    while name in taken:
-        name += '_'
-    taken.add(name)
-    return name
-
-
-def _rotation(quaternion: Array) -> Array:
+def _rotation(mujoco: Any, quaternion: Array) -> Array:
     """Return the rotation of a quaternion w, x, y, z."""
-    w, x, y, z = quaternion / np.linalg.norm(quaternion)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    R = np.zeros(9)
+    mujoco.mju_quat2Mat(R, quaternion)
+    return R.reshape(3, 3)

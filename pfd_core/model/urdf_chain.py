@@ -16,7 +16,7 @@ from typing import NamedTuple
 from pfd_core.model.locking import how_to_lock, locked_positions, next_to_zero
 from pfd_core.model.robot import JOINT_TYPES
 from pfd_core.model.urdf import NOT_A_CHAIN, Joint, Mimic, Urdf
-from pfd_core.model.values import MOST_NAMES, quote, quote_all
+from pfd_core.model.values import MOST_NAMES, quote, quote_all, unused
 
 NOTHING: Mapping[str, float] = MappingProxyType({})
 
@@ -166,9 +166,7 @@ def _in_series(
             walk(joint)
             rule = joint.mimic
             if joint not in chain and rule is not None:
-                name = f'{joint.name}_back'
-                while name in urdf.joints:
-                    name += '_'
+                name = unused(f'{joint.name}_back', {*urdf.joints})
                 back = Mimic(rule.leader, -rule.multiplier, -rule.offset)
                 ways_back[name] = joint
                 joints.append(joint._replace(name=name, limits={}, unlimited=(), mimic=back))

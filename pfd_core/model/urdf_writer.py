@@ -28,7 +28,7 @@ from pfd_core.model.robot import (
     turned,
 )
 from pfd_core.model.urdf import INERTIA_KEYS, LARGEST_LIMIT, parse_urdf
-from pfd_core.model.values import Array, quote
+from pfd_core.model.values import Array, quote, unused
 from pfd_core.model.yaml_files import ELEMENTS
 
 _add = ElementTree.SubElement
@@ -38,26 +38,22 @@ def robot_to_urdf(robot: Robot) -> str:
     """
     Return a robot as URDF; `load_robot` reads the same robot from it, to rounding.
 
-    ValueError for a name that XML cannot represent, or a duplicate name.
+    ValueError for a name that XML cannot represent.
     """
     check_robot(robot)
     root = ElementTree.Element('robot', name=robot.name)
     _add(root, 'link', name=robot.base)
-    names = [robot.base]
+    names, links, joints = [robot.base], {*robot.frames}, {mover.name for mover in robot.movers}
     if turned(robot):
         # Gravity is given in axes of the root.
-        above = 'root'
-        while above in robot.frames:
-            above += '_'
+        above, at = unused('root', links), (robot.root_rotation, np.zeros(3))
         _add(root, 'link', name=above)
-        at = robot.root_rotation, np.zeros(3)
-        add_connection(root, f'{robot.base}_fixed', 'fixed', above, robot.base, at)
+        connection = unused(f'{robot.base}_fixed', joints)
+        add_connection(root, connection, 'fixed', above, robot.base, at)
     # The end of each link, which is the axis of the next joint, in the link's own frame.
     ends, bodies = chain_of(robot)
     for mover, before, end, body in zip(robot.movers, ends, ends[1:], bodies, strict=False):
-        name = f'{mover.name}_link'
-        while name in robot.frames or name in names:
-            name += '_'
+        name = unused(f'{mover.name}_link', links)
         add_link(root, name, moved(end, body))
         moves = add_connection(root, mover.name, mover.kind, names[-1], name, before)
         _add_numbers(moves, robot, mover)
@@ -66,7 +62,8 @@ def robot_to_urdf(robot: Robot) -> str:
         if name != robot.base:
             at = chained(ends[frame.link], frame.placement) if frame.link else frame.placement
             _add(root, 'link', name=name)
-            add_connection(root, f'{name}_fixed', 'fixed', names[frame.link], name, at)
+            connection = unused(f'{name}_fixed', joints)
+            add_connection(root, connection, 'fixed', names[frame.link], name, at)
     for joint in robot.joint_names:
         if 'armature' in (numbers := stated(robot, joint)):
             add_rotor(root, joint, numbers['armature'])

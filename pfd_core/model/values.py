@@ -80,6 +80,14 @@ def listed(texts: Sequence[str], most: int = MOST_NAMES, comma: str = ', ') -> s
     return comma.join(texts[:most]) + more
 
 
+def unused(name: str, taken: set[str]) -> str:
+    """Return a name that is not taken yet, and take it."""
+    while name in taken:
+        name += '_'
+    taken.add(name)
+    return name
+
+
 def real_array(
     name: str,
     value: ArrayLike,

@@ -24,7 +24,7 @@ from pfd_core.machine.iteration import TOLERANCES
 from pfd_core.machine.program import Program, Steps
 from pfd_core.model.effects import INPUT
 from pfd_core.model.plant import Plant, check_instant, resolve
-from pfd_core.model.robot import Robot
+from pfd_core.model.robot import Robot, check_robot
 from pfd_core.model.scene import Scene, given_scene, scene_inputs
 from pfd_core.model.values import DTYPES, Array, choice, common_shape, integer, quote, real_array
 from pfd_core.paper import networks
@@ -155,6 +155,7 @@ def emulate(
     ValueError
         If an argument has the wrong shape or type, is unknown, is out of bounds, or is not finite.
     """
+    check_robot(robot)
     choice('method', method, FORWARD)
     choice('dtype', dtype, DTYPES)
     choice('network', network, networks.NETWORKS)

@@ -220,7 +220,10 @@ def tick(arm: Arm, data: bytes) -> Change:
 def _follow(arm: Arm, tick_ns: int) -> None:
     state = arm.state
     if state.until_ns is None:
-        # Simulated time continues there, without a step.
+        # Simulated time continues there, without a step, and so does a trajectory.
+        if state.trajectory is not None:
+            times_ns = state.trajectory.times_ns + (tick_ns - arm.stamp_ns)
+            state.trajectory = state.trajectory._replace(times_ns=times_ns)
         state.origin_ns = tick_ns - state.step * state.first.step_ns
         state.since_ns = tick_ns
     state.until_ns = tick_ns

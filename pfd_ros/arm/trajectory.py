@@ -9,9 +9,10 @@ continuous joints by half a turn at most, and it holds the last point until anot
 Positions are targets of the servos, so these need gains; efforts alone need none.
 
 A sample is a command like any other: delay, drop-out, limits and reflexes act on it, and the
-watchdog rests. In lockstep the arm waits for no answer before the last point. The next command or
-trajectory, a reset, a jump, a deactivation and a reflex end a trajectory; joints that the command
-does not name hold the last target.
+watchdog rests. After a pause it continues where it was, also with a followed clock. In lockstep
+the arm waits for no answer before the last point. The next command or trajectory, a reset, a jump,
+a deactivation and a reflex end a trajectory; joints that the command does not name hold the last
+target.
 Source: ros2_controllers 6.9.0, joint_trajectory_controller/doc/trajectory.rst.
 """
 

@@ -692,6 +692,23 @@ def test_a_sample_is_lost_delayed_and_seen_by_the_watchdog_as_a_command_is() -> 
     assert 0.3 + 0.7 * 0.37 < target < 0.3 + 0.7 * 0.3951
 
 
+def test_a_trajectory_continues_after_a_pause_where_it_was_with_a_followed_clock_too() -> None:
+    found = []
+    for paused in (False, True):
+        engine = made(**CLOCKED, **UNLIMITED)
+        run(engine, ms(100), trajectory(NAMES, [0.0, 0.1], effort=[[0, 0], [100, 50]]), ms(150))
+        if paused:
+            run(engine, request('pause'), ms(400))
+            run(engine, request('resume'), ms(500))
+        efforts_on_the_way = []
+        for k in range(1, 31):
+            run(engine, ms((500 if paused else 150) + k))
+            efforts_on_the_way.append(engine.state.newest[0].tolist())
+        found.append(efforts_on_the_way)
+    assert found[0] == [[50.0 + k, 25.0 + k / 2] for k in range(30)]
+    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-9)
+
+
 def test_in_lockstep_the_arm_waits_for_an_answer_from_the_last_point_on() -> None:
     engine = made(**SERVO, **START, lockstep=True, wait_for_controller=True)
     assert engine.waiting

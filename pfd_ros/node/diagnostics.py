@@ -94,8 +94,9 @@ class MassKernels:
     As for the outputs, the wrench on the tip and the gravity torques of the motors are left out.
     """
 
-    def __init__(self, engine: Engine) -> None:
-        robot, scene = engine.robot, compiled_scene(engine.plant)
+    def __init__(self, engine: Engine, plant: Plant | None = None) -> None:
+        plant = plant or engine.plant
+        robot, scene = engine.robot, compiled_scene(plant)
         self.digest = scene.digest
         alone = replace(scene, external_wrench=False, gravity_compensation=False)
         self.inertia: Any = pfd.compile_kernel(robot, scene=alone, quantity='inertia_matrix')
@@ -103,7 +104,7 @@ class MassKernels:
         self._accelerations = acceleration_kernel(robot, scene, engine.state.settings.method)
         # Compiled before the stepping thread starts.
         zero = np.zeros(robot.n)
-        self.error_estimate(zero, zero, zero, engine.plant.inputs)
+        self.error_estimate(zero, zero, zero, plant.inputs)
 
     def error_estimate(
         self, q: NDArray[Any], qd: NDArray[Any], tau: NDArray[Any], payload: Mapping[str, Any]
@@ -195,11 +196,13 @@ class ArmDiagnostics:
 
     def _simulation(self, now: Mapping[str, float], new: Mapping[str, float]) -> DiagnosticStatus:
         engine, state = self._engine, self._engine.state
-        settings, payload = state.settings, engine.plant.inputs
+        # Once: the stepping thread may take over another one at any time.
+        plant = engine.plant
+        settings, payload = state.settings, plant.inputs
         q, qd, tau = state.rows[state.now].copy()
-        if self._kernels.digest != compiled_scene(engine.plant).digest:
+        if self._kernels.digest != compiled_scene(plant).digest:
             # The scene has changed.
-            self._kernels = MassKernels(engine)
+            self._kernels = MassKernels(engine, plant)
         kernels = self._kernels
         kinetic, potential = kernels.energy(q, qd, **payload)
         published = settings.publish_every * settings.step_ns / NANOSECONDS

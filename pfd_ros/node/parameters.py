@@ -48,8 +48,10 @@ from pfd_ros.arm.settings import (
 from pfd_ros.messages.text_and_arrays import encode_string
 from pfd_ros.node.inbox import Changes
 from pfd_ros.node.services import ANSWER_SECONDS
-from pfd_ros.text import NAME_COUNT, listed, one_line, similar
+from pfd_ros.text import listed, one_line, similar
 
+# Unknown parameters that are compared with known ones, which takes some milliseconds each.
+MOST_UNKNOWN = 100
 # By the annotation of the field: an empty tuple does not have the type of its elements.
 _KINDS = {
     'str': Parameter.Type.STRING,
@@ -193,7 +195,7 @@ def refuse_unknown(node: Node) -> str:
         if name in REMOVED:
             raise ValueError(f'there is no parameter {name!r} any more: {REMOVED[name]}')
     known = sorted(node.get_parameters_by_prefix(''))
-    meant = {name: similar(name, known) for name in unknown[:NAME_COUNT]}
+    meant = {name: similar(name, known) for name in unknown[:MOST_UNKNOWN]}
     near = sorted({match for found in meant.values() for match in found})
     hint = f'; similar names: {listed(near)}' if near else ''
     if near and node.get_parameter('autostart').value:

@@ -6,17 +6,23 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from importlib import import_module
+from itertools import cycle
 import signal
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from ros_processes import JOINTS, MILLISECOND, Peer, Process, Processes, stamp_ns, trigger
 
+import pfd_core as pfd
 from pfd_ros.arm.engine import LARGEST as LARGEST_INPUT
+from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import OPTIONAL as OPTIONAL_OUTPUTS
 from pfd_ros.arm.events import ROLES as ARM_ROLES
+from pfd_ros.arm.settings import Settings
 from pfd_ros.replay.verify import verify as verify_log
 
 pytestmark = pytest.mark.ros
@@ -266,3 +272,45 @@ def test_readers_get_every_output_and_the_recording_verifies(processes, peer_of)
     found = verify_log(processes.folder / 'arm.mcap')
     assert found.complete
     assert found.compared['joint_states'] < found.compared['true_states']
+
+
+def test_a_misspelt_parameter_among_many_of_other_nodes_is_named(processes) -> None:
+    others = [part for k in range(20) for part in ('-p', f'another_{k}:=1')]
+    wrong = ('--ros-args', *others, '-p', 'step_siz:=0.002')
+    process = processes.forked('pfd_ros.node.main', *wrong)
+    assert process.end() == 1
+    assert "unknown parameters ['step_siz']; similar names: ['step_size']" in process.text()
+
+
+def test_diagnostics_are_of_one_plant_while_the_arm_takes_over_another() -> None:
+    from pfd_ros.node.diagnostics import ArmDiagnostics, MassKernels
+    from pfd_ros.node.inbox import Inbox
+    from pfd_ros.node.report import Report
+    from pfd_ros.node.stepping import Stepper
+
+    class Changing(Engine):
+        """An arm whose plant is another one whenever it is read."""
+
+        plants_in_turn: Any = ()
+
+        @property
+        def plant(self) -> Any:
+            return next(self.plants_in_turn) if self.plants_in_turn else self.first_plant
+
+        @plant.setter
+        def plant(self, plant: Any) -> None:
+            self.first_plant = plant
+
+    settings = Settings(robot='planar2')
+    engine = Changing(settings, pfd.load_robot('planar2'))
+    # As an input of native code, and as a constant.
+    other = engine.plants.prepare(replace(settings, payload_mass=1.0))
+    assert (bool(other.inputs), bool(engine.plant.inputs)) == (True, False)
+    kernels, report = MassKernels(engine), Report(None)
+    engine.plants_in_turn = cycle([engine.plant, other])
+    stepper = Stepper(engine, Inbox(report.count), {}, report.count)
+    graph = SimpleNamespace(mismatched=0, publishers={})
+    diagnostics = ArmDiagnostics(stepper, graph, report, kernels)
+    for _ in range(4):
+        names = [status.name for status in diagnostics.tasks()]
+        assert names == ['stepping', 'commands', 'simulation', 'recording']

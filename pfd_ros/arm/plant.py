@@ -114,15 +114,9 @@ class Plants:
         scene = scene_of(settings, self._order)
         found = _friction(scene, settings, self._robot, self._order)
         left: dict[str, Any] = {name: x * (1.0 - share) for name, (x, share) in found.items()}
-        if 'static_friction' in left:
-            # Joints without a number have that of sliding.
-            sliding, resting = left['friction'], left['static_friction']
-            left['static_friction'] = np.where(np.isnan(resting), sliding, resting)
         taken = {name: x * share for name, (x, share) in found.items()}
         speed = _FIELDS['stribeck_velocity'].resolved(self._robot, scene.stribeck_velocity)
         if 'static_friction' in taken and speed is not None:
-            resting = taken['static_friction']
-            taken['static_friction'] = np.where(np.isnan(resting), taken['friction'], resting)
             taken['stribeck_velocity'] = speed
         return replace(scene, **left), taken
 
@@ -237,6 +231,9 @@ def _friction(
         shares = joint_values(rows[setting], settings, robot, order.tolist())
         if any(shares):
             numbers = _FIELDS[name].resolved(robot, getattr(scene, name))
+            if name == 'static_friction' and numbers is not None:
+                # Joints without a number have that of sliding.
+                numbers = np.where(np.isnan(numbers), found['friction'][0], numbers)
             if numbers is not None:
                 found[name] = numbers, in_model_order(shares, order)
     return found

@@ -46,6 +46,6 @@ def rates(time: Array, values: Array) -> Array:
 
 
 def first_beyond(values: Array, lower: float, upper: float) -> int | None:
-    """Return the first sample at or beyond a bound, None if all lie between them."""
-    found = np.flatnonzero(~((values > lower) & (values < upper)))
+    """Return the first sample at or beyond a bound, None without any; NaN is beyond none."""
+    found = np.flatnonzero((values <= lower) | (values >= upper))
     return int(found[0]) if len(found) else None

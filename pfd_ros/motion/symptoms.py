@@ -328,7 +328,7 @@ def _first_limit(x: Samples) -> str:
         (k, f'first {item} {x.said(item, values[k])} at or beyond its limit {x.said(item, bound)}')
         for item, values in (('position', x.q), ('velocity', x.qd), ('effort', x.tau))
         for low, high in [x.limits[item]]
-        if (k := first_beyond(np.nan_to_num(values), low, high)) is not None
+        if (k := first_beyond(values, low, high)) is not None
         for bound in [low if values[k] <= low else high]
     ]
     return f'{min(hits)[1]} at t = {x.time[min(hits)[0]]:.6g} s' if hits else ''
@@ -363,12 +363,14 @@ def text_of(found: Mapping[str, str], *, limited: bool = True) -> str:
 def diagnosis(x: Samples, *, commanded: bool = True) -> dict[str, str]:
     """Return the symptoms of a joint, each of KINDS with its measures.
 
-    Efforts may be beyond their limits, or NaN where they are not known. A joint is braked until it
-    is `commanded`.
+    Efforts may be beyond their limits, or NaN where they are not known; where no velocity is known
+    it is that of the positions. A joint is braked until it is `commanded`.
     """
     if not commanded:
         return {UNCOMMANDED: f'{UNCOMMANDED}: braked'}
-    x = replace(x, tau=np.clip(x.tau, *x.limits['effort']))
+    derived = np.isnan(x.qd).all() and len(x.qd) > 1
+    qd = np.gradient(x.q, x.time) if derived else x.qd
+    x = replace(x, qd=qd, tau=np.clip(x.tau, *x.limits['effort']))
     first = next(((kind, text) for kind, of in VERDICTS.items() if (text := of(x))), None)
     more = ((kind, text) for kind, of in LIMITS.items() if (text := of(x)))
     return dict((*([first] if first else []), *more))

@@ -220,15 +220,17 @@ def recorded(log: Path | str, joint: str = '', *, robot: str | None = None) -> T
     joints = next((each for each in run.joints if joint in ('', *each.names)), None)
     if joints is None:
         raise LogError(f'{log} has no joint states{f" of {cut(joint)!r}" if joint else ""}')
-    q, qd, tau = (joints.values[item] for item in JOINT_FIELDS)
+    # Of states with one stamp, such as those that are sent again, the first.
+    rows = np.append(True, np.diff(joints.time) > 0.0)
+    q, qd, tau = (joints.values[item][rows] for item in JOINT_FIELDS)
     (lower, upper), (_, speed), (_, effort) = (joints.bounds[item] for item in JOINT_FIELDS)
     for each in run.drives:
         if each.names == joints.names and np.array_equal(each.time, joints.time):
-            tau, effort = each.values['effort'], each.bounds['effort'][1]
+            tau, effort = each.values['effort'][rows], each.bounds['effort'][1]
     # Without all joints of a robot its tip is not known.
     whole = run.robot is not None and {*run.robot.joint_names} <= {*joints.names}
     return Trajectory(
-        *(joints.time, q, qd, tau, joints.names, Limits(lower, upper, speed, effort)),
+        *(joints.time[rows], q, qd, tau, joints.names, Limits(lower, upper, speed, effort)),
         run.robot if whole else None,
         period=run.command_period,
         commanded=[not run.settings or name in run.commanded for name in joints.names],

@@ -165,7 +165,7 @@ class Trajectory:
         return ComputationTime(median, p99, longest, self.period)
 
     def limits_hit(self) -> list[LimitHit]:
-        """Return the first sample at or beyond each limit, in the order of time."""
+        """Return the first sample at or beyond each limit, in the order of time; NaN hits none."""
         hits = [
             LimitHit(joint, kind, float(self.time[k]), value, bound, self._unit(kind, j))
             for j, joint in enumerate(self.names)
@@ -354,6 +354,7 @@ class Trajectory:
         __tracebackhide__ = True
         bounds = self._per_joint('bound', bound)
         for j in self._columns(joint):
+            self._check_known('effort', j)
             found = metrics.rates(self.time, self.tau[:, j])
             if len(found) and not found.max() < bounds[j]:
                 k, unit = int(np.argmax(found)), self._unit('effort', j)
@@ -392,6 +393,8 @@ class Trajectory:
         __tracebackhide__ = True
         if kind not in (None, *JOINT_FIELDS):
             raise ValueError(f'kind is {kind!r}, expected one of {list(JOINT_FIELDS)}')
+        for j in self._columns(joint) if kind else ():
+            self._check_known(kind, j)
         chosen = {self.names[j] for j in self._columns(joint)}
         hits = [x for x in self.limits_hit() if x.joint in chosen and kind in (None, x.kind)]
         if hits:
@@ -404,6 +407,12 @@ class Trajectory:
         if joint is None:
             return list(range(len(self.names)))
         return [self.index(name) for name in ([joint] if isinstance(joint, str) else joint)]
+
+    def _check_known(self, kind: str, j: int) -> None:
+        """Raise ValueError if a motion, of a log, has no number of a kind for a joint."""
+        values = dict(zip(JOINT_FIELDS, (self.q, self.qd, self.tau), strict=True))[kind]
+        if np.isnan(values[:, j]).all():
+            raise ValueError(f'the motion has no {kind} of joint {self.names[j]!r}')
 
     def _per_joint(self, name: str, value: ArrayLike) -> Array:
         """Return a number for each joint (n,); one number means all."""

@@ -421,3 +421,21 @@ def test_commanded_efforts_and_the_ones_that_motors_gave_have_one_diagnosis() ->
 
 def test_a_joint_that_was_never_commanded_is_braked_whatever_it_does() -> None:
     assert [*diagnosis(FAST, 0.0, 30.0, full=20.0, commanded=False)] == ['never commanded']
+
+
+def test_what_a_log_does_not_hold_hits_no_limit_and_an_assertion_about_it_is_an_error() -> None:
+    found = motion([0.0, 0.1], np.zeros((2, 2)), [[math.nan, 1.0]] * 2, effort=[5.0, 5.0])
+    found.assert_no_limit_hit()
+    found.assert_no_limit_hit('effort', joint='b')
+    found.assert_torque_rate_below(1.0, joint='b')
+    assert found.symptoms()[0] == 'a: no oscillation, no limit reached'
+    for wrong in (found.assert_no_limit_hit, found.assert_torque_rate_below):
+        with pytest.raises(ValueError, match="the motion has no effort of joint 'a'"):
+            wrong('effort' if wrong == found.assert_no_limit_hit else 1.0)
+
+
+@pytest.mark.parametrize('q', [AWAY, 2.0 * TIMES, SINE + FAST])
+def test_without_velocities_a_diagnosis_is_by_those_of_the_positions(q) -> None:
+    limits = {'position': NO_LIMIT, 'velocity': NO_LIMIT, 'effort': NO_LIMIT}
+    state = TIMES, q, np.full(len(q), math.nan), np.zeros(len(q))
+    assert joint_diagnosis(Samples(*state, 0.0, limits, UNITS, SAMPLE)) == diagnosis(q, 0.0)

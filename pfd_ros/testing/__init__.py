@@ -27,25 +27,14 @@ import importlib
 from typing import Any
 
 # Public names, imported when they are used: the plugin is in every session of pytest.
-_HOMES = {
-    'LockstepArm': 'arm',
-    'RecordingError': 'arm',
-    'ArmError': 'loop',
-    'ControllerError': 'loop',
-    'NoAnswerError': 'loop',
-    'RejectedError': 'loop',
-    'REASONS': 'loop',
-    'ControllerProcess': 'process',
-    'NodeProcess': 'process',
-    'NodeProcessError': 'process',
-    'Trajectory': 'trajectory',
-    'Limits': 'trajectory',
-    'LimitHit': 'trajectory',
-    'replayed': 'again',
-    'recorded': 'again',
-    'findings': 'again',
-    'ComputationTime': 'trajectory',
+_NAMES = {
+    'arm': ('LockstepArm', 'RecordingError'),
+    'loop': ('ArmError', 'ControllerError', 'NoAnswerError', 'RejectedError', 'REASONS'),
+    'process': ('ControllerProcess', 'NodeProcess', 'NodeProcessError'),
+    'trajectory': ('Trajectory', 'Limits', 'LimitHit', 'ComputationTime'),
+    'again': ('replayed', 'recorded', 'findings'),
 }
+_HOMES = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = list(_HOMES)
 
 

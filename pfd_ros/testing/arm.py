@@ -86,10 +86,13 @@ class LockstepArm:
 
     Attributes
     ----------
-    settings, robot, names
-        Settings, robot, and joints in published order, the order of all arrays.
+    robot, names
+        Robot, and joints in published order, the order of all arrays.
     period
         The control period, s of simulated time.
+    pushes
+        Time [s], and force and torque (6,) of each push since the start or the restored state;
+        () of a reset, which ends one.
 
     ValueError for a setting that is unknown, refused, or has another value in tests; OSError if
     the recording exists or cannot be written.
@@ -106,7 +109,7 @@ class LockstepArm:
             raise ValueError(f"ros_args is {ros_args!r}, expected a list such as ['-r', 'a:=b']")
         self._given, self._ros_args = (robot, settings), ros_args
         self._described = _described(robot, settings)
-        self.settings, self.robot = self._described.settings, self._described.robot
+        self.robot = self._described.robot
         self._log: Recorder | None = None
         # Nothing is encoded until anybody reads it.
         self.engine = self._new_engine(())
@@ -117,6 +120,7 @@ class LockstepArm:
         # garbage collector busy.
         self.start: State | None = None
         self._inputs: list[Any] = []
+        self.pushes: list[tuple[float, Sequence[float]]] = []
 
     def _new_engine(self, roles: Collection[str]) -> Engine:
         """Return an engine at the start of the run; open the recording, if there is to be one."""
@@ -145,6 +149,11 @@ class LockstepArm:
             log.close()
             if log.error:
                 raise RecordingError(log.error)
+
+    @property
+    def settings(self) -> Settings:
+        """The settings now, with 'auto' resolved."""
+        return self.engine.state.settings
 
     @property
     def time(self) -> float:
@@ -276,6 +285,7 @@ class LockstepArm:
     def reset(self) -> None:
         """Restore the initial state, braked until the next command; simulated time continues."""
         self._demand(events.REQUESTS, encode_request('reset'))
+        self.pushes.append((self.time, ()))
         self.step()
 
     def set_state(self, q: JointValues, qd: JointValues | None = None) -> None:
@@ -296,16 +306,18 @@ class LockstepArm:
         origin, N and N m. The arm needs the setting external_wrench=True; external_wrench_timeout
         ends them.
         """
-        wrench = np.array([force, torque], np.float64).ravel()
-        frame = frame or self.robot.tip
+        for label, vector in (('force', force), ('torque', torque)):
+            if len(vector) != 3:
+                raise ValueError(f'{label} has {len(vector)} numbers, expected 3')
+        wrench, frame = [*map(float, (*force, *torque))], frame or self.robot.tip
         self._demand(events.WRENCH, encode_numbers(WRENCH_STAMPED, 0, frame, wrench))
+        self.pushes.append((self.time, wrench))
 
     def set(self, **values: Any) -> None:
         """Change dynamic settings from the next step on; ValueError if one is invalid."""
         _check_names(values)
         plain = {name: _plain(value) for name, value in values.items()}
         self._demand(events.PARAMETERS, encode_changes(plain))
-        self.settings = self.engine.state.settings
 
     def save(self) -> State:
         """Return a copy of the state of the arm, from which `restore` continues with equal bits.
@@ -326,9 +338,9 @@ class LockstepArm:
                 'run from its start: restore a state in an arm without recording'
             )
         self.engine.restore(state)
-        self.settings = self.engine.state.settings
         self.start = self.engine.save()
         self._inputs.clear()
+        self.pushes.clear()
 
     def record_again(self, path: Path) -> str:
         """Run an unrecorded arm again with the same inputs, hence with the same bits, recorded.

@@ -16,14 +16,10 @@ import re
 import shutil
 from typing import Any
 
-from pfd_ros.arm.events import REQUESTS, WRENCH
-from pfd_ros.messages.numbers import decode_numbers
-from pfd_ros.messages.types import WRENCH as WRENCH_STAMPED
 from pfd_ros.page.curves import Reference
 from pfd_ros.page.page import TYPES, Moment, page
 from pfd_ros.recording.arrays import read_log
 from pfd_ros.testing.arm import LockstepArm, RecordingError
-from pfd_ros.testing.loop import seconds_of
 from pfd_ros.text import one_line
 
 # Of the name of a folder, and of the text of an error on a page.
@@ -98,18 +94,8 @@ def _marks(arm: LockstepArm, error: BaseException) -> Iterator[Moment | Referenc
     if reference is not None:
         names, times, positions, within = reference
         yield Reference(tuple(names), times, positions, within)
-    origin, step = arm.settings.start_ns, arm.settings.step_ns
     longest = arm.settings.external_wrench_timeout or math.inf
-    # A reset ends a push, too.
-    pushes = [
-        (
-            seconds_of(origin + cycles * step),
-            decode_numbers(data, WRENCH_STAMPED).values if role == WRENCH else (),
-        )
-        for cycles, role, data in arm.inputs
-        if role in (WRENCH, REQUESTS)
-    ]
-    for (time, numbers), (end, _) in pairwise([*pushes, (arm.time, ())]):
+    for (time, numbers), (end, _) in pairwise([*arm.pushes, (arm.time, ())]):
         if any(numbers):
             text = f'{list(numbers[:3])} N, {list(numbers[3:])} N m'
             yield Moment(time, 'push', text, min(end, time + longest), 'note')

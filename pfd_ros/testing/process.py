@@ -126,8 +126,8 @@ class ChildProcess:
 class ControllerProcess(ChildProcess):
     """A controller as a running process, in the ROS domain of the test; program and arguments."""
 
-    def __init__(self, command: Sequence[str | os.PathLike[str]]) -> None:
-        self.folder = Path(tempfile.mkdtemp(prefix='pfd_ros_'))
+    def __init__(self, command: Sequence[str | os.PathLike[str]], folder: str = '') -> None:
+        self.folder = Path(folder or tempfile.mkdtemp(prefix='pfd_ros_'))
         super().__init__(command, self.folder / 'output.txt', environment_to_kill(os.environ))
 
     def __enter__(self) -> ControllerProcess:
@@ -164,11 +164,11 @@ class NodeProcess(ControllerProcess):
         self._ros_args = ['--ros-args', *ros_args]
         # Whether `wait` has raised its error.
         self._failed = False
-        with tempfile.NamedTemporaryFile('w', suffix='.yaml', delete=False) as file:
-            yaml.safe_dump({'/**': {'ros__parameters': chosen}}, file)
-        self._file = Path(file.name)
+        folder = tempfile.mkdtemp(prefix='pfd_ros_')
+        file = Path(folder, 'parameters.yaml')
+        file.write_text(yaml.safe_dump({'/**': {'ros__parameters': chosen}}), encoding='utf-8')
         command = [sys.executable, '-m', 'pfd_ros.node.main', *self._ros_args]
-        super().__init__([*command, '--params-file', file.name])
+        super().__init__([*command, '--params-file', file], folder)
 
     def wait(self) -> None:
         """Return when the arm is active, or the node answers if its autostart is false.
@@ -202,12 +202,13 @@ class NodeProcess(ControllerProcess):
 
     def close(self) -> None:
         """End the node as Ctrl-C does; NodeProcessError if it failed and `wait` did not say so."""
+        if not self.folder.exists():  # it has been closed
+            return
         ended, status = self.end(), self.stop(NODE_END_SECONDS)
         if not ended and status == -signal.SIGKILL:
             ended = f'did not end within {NODE_END_SECONDS:g} s'
         ended = ended or (self.end() if status else '')
         text = f'the node {ended}{self.tail()}'
-        self._file.unlink()
         super().close()
         if ended and not self._failed:
             raise NodeProcessError(text)

@@ -19,6 +19,7 @@ import time
 from typing import Any
 
 import gripper_arm
+from logs import STATES, Row, joint_state, write_mcap
 import numpy as np
 import pytest
 from ros_processes import PATIENCE, ROOT, qos, wait_until
@@ -34,9 +35,12 @@ from pfd_ros.testing import (
     ControllerProcess,
     LockstepArm,
     NoAnswerError,
+    NodeProcess,
     RejectedError,
     Trajectory,
+    recorded,
 )
+from pfd_ros.testing.domains import claimed_domain
 from pfd_ros.testing.process import ChildProcess
 
 # The stamp of the first state, s: zero is no time to ROS.
@@ -916,3 +920,39 @@ with ControllerProcess([sys.executable, '-c', code]) as process:
     os.kill(runner.pid, signal.SIGKILL)
     runner.process.wait(PATIENCE)
     wait_until(lambda: not running(pid), pause=0.05)
+
+
+def test_a_refused_push_is_no_push_and_settings_are_those_in_use() -> None:
+    arm = ur5(external_wrench=True)
+    for given, text in (
+        (([1.0, 0.0], [0.0] * 3), 'force has 2 numbers, expected 3'),
+        (([1.0] * 3, [0.0] * 4), 'torque has 4 numbers, expected 3'),
+        (([1.0] * 3, [0.0] * 3, 'nowhere'), 'unknown_names'),
+    ):
+        with pytest.raises(ValueError, match=text):
+            arm.push(*given)
+    assert arm.pushes == []
+    arm.push([1.0, 2.0, 3.0], [0.0] * 3)
+    arm.reset()
+    assert arm.pushes == [(START, [1.0, 2.0, 3.0, 0.0, 0.0, 0.0]), (START, ())]
+    assert arm.settings.integrator == 'rk4'
+    arm.set(noise_position=0.5)
+    assert arm.settings.noise_position == 0.5
+
+
+def test_a_recorded_motion_has_one_state_of_each_stamp(tmp_path) -> None:
+    rows = [
+        Row(STATES, 9.0 + 0.01 * k, joint_state(['a'], [1.0 * k], stamp=9.0 + 0.02 * (k // 2)))
+        for k in range(20)
+    ]
+    found = recorded(write_mcap(tmp_path / 'a.mcap', rows))
+    assert found.q[:, 0].tolist() == [2.0 * k for k in range(10)]
+    assert np.diff(found.time) == pytest.approx(0.02)
+
+
+@pytest.mark.ros
+def test_a_node_that_a_test_closes_itself_may_be_closed_again() -> None:
+    with claimed_domain(), NodeProcess({'robot': 'planar2'}) as node:
+        wait_until(lambda: 'until its first command' in node.text())
+        node.close()
+        assert node.end() == 'ended with status 0'

@@ -24,7 +24,6 @@ import numpy as np
 import pytest
 from zoo import random_chain, random_state
 
-from benchmarks.cases.robots import uniform_chain
 import pfd_core as pfd
 from pfd_core.dynamics.methods import FORWARD as FORWARD_METHODS
 from pfd_core.machine.operations import OPERATIONS
@@ -204,18 +203,6 @@ def test_counts_are_closed_forms_for_1_to_32_joints(method: str, n: int) -> None
     assert counted(method, n) == expected
 
 
-def totals(method: str, n: int) -> Counts:
-    """Return the sums of the closed forms."""
-    one, two, three = zip(*(counts for _, counts in parts(method, n)), strict=True)
-    return sum(one), sum(two), sum(three)
-
-
-def test_articulated_bodies_overtake_composite_bodies_at_nine_joints() -> None:
-    for n in SERIAL_SIZES[1:]:
-        one, three = (sum(totals(method, n)) for method in ('articulated_body', 'walker_orin_3'))
-        assert (one < three) == (n >= 9)
-
-
 # ---- beyond the paper ------------------------------------------------------------------------
 
 
@@ -284,16 +271,6 @@ def test_steps_and_routes_of_constraint_forces_are_closed_forms(n: int) -> None:
     assert {key: row for key, row in counts.items() if key in own} == wanted
     moved = {'joint equations': 6, 'elimination': 90 * L - 25, 'accelerations': 7}
     assert {key: k for key, k in routes.items() if key in moved} == (moved if joined else {})
-
-
-def test_it_halves_divide_and_conquer() -> None:
-    plant = resolve_plant(uniform_chain(32))
-    ours, other = (
-        FORWARD_METHODS[method](plant, 'unpacked').count()
-        for method in ('constraint_forces', 'divide_and_conquer')
-    )
-    assert 2 * ours.multiplications < 1.1 * other.multiplications
-    assert 2 * ours.routes < other.routes
 
 
 DIVIDED = FORWARD_METHODS['divide_and_conquer']

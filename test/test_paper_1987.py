@@ -37,17 +37,6 @@ METHODS = ('pcrbm_1987', 'pcgm_1987')
 RIGHT_ANGLED = pfd.Scene(external_wrench=True, damping='model', armature='model', brakes=True)
 
 
-def test_the_methods_of_1987_are_emulated_by_name() -> None:
-    robot = pfd.load_robot('planar2')
-    state = np.random.default_rng(2).normal(size=(3, 2))
-    wanted = Oracle(robot).qdd(*state)
-    for method in METHODS:
-        found = pfd.emulate(robot, *state, method=method)
-        assert found.status == 'ok'
-        assert relative(found.qdd, wanted) < 1e-10
-    assert pfd.emulate(robot, *state, method='pcgm_1987').iterations == 2
-
-
 @pytest.mark.parametrize('n', [1, 2, 4, 6])
 def test_n_iterations_of_1987_are_the_answer_in_fifty_digits(n: int) -> None:
     # Directions lose their orthogonality by rounding: seen up to 1e-38.
@@ -86,11 +75,9 @@ def test_emulate_runs_the_edition_with_misprints_and_does_not_call_it_right(meth
     record = record_pcrbm_1987 if method == 'pcrbm_1987' else record_pcgm_1987
     wanted = record(resolve_plant(robot), 'parallel', misprints=editions.AS_PRINTED[method])
     assert run.program == wanted
-
-
-def test_one_joint_as_printed_is_right() -> None:
-    run = pfd.emulate(chain(1), [0.3], [0.2], [1.0], method='pcrbm_1987', edition='printed')
-    assert run.status == 'ok'
+    # Of one joint it is right.
+    one = pfd.emulate(chain(1), [0.3], [0.2], [1.0], method='pcrbm_1987', edition='printed')
+    assert one.status == 'ok'
 
 
 @pytest.mark.parametrize('method', [*METHODS, 'pcrbm_array', 'composite_body'])
@@ -319,56 +306,26 @@ def test_conjugate_gradients_as_printed_end_with_step_10_of_iteration_n() -> Non
 # ---- statuses --------------------------------------------------------------------------------
 
 
-def stored_statuses(page: str = 'counts', table: str = 'statuses') -> list[dict[str, Any]]:
+def stored_statuses(page: str, table: str) -> list[dict[str, Any]]:
     path = Path(__file__).resolve().parent.parent / 'docs' / 'report' / f'{page}.json'
     rows: list[dict[str, Any]] = json.loads(path.read_text(encoding='utf-8'))['data'][table]
     return rows
 
 
-def check_statuses(rows: list[dict[str, Any]]) -> None:
-    """Assert that no wrong answer is `ok`, and that few right ones are not."""
-    refused = 0
-    for x in rows:
-        right = x['error'] <= x['allowed']
-        assert right or x['status'] == 'not_converged', x
-        refused += right and x['status'] != 'ok'
-    assert refused <= len(rows) / 200
-
-
-def test_no_answer_of_conjugate_gradients_that_is_wrong_is_called_ok() -> None:
-    rows = stored_statuses()
-    assert len(rows) == 2 * len(conjugate.CHAINS)
-    check_statuses(rows)
-    found = {x['status'] for x in rows if x['method'] == 'pcgm_1987'}
-    assert found == {'ok', 'not_converged'}
-    assert {x['status'] for x in rows if x['method'] == 'pcgm'} == {'ok'}
-
-
-def test_no_answer_of_direct_methods_that_is_wrong_is_called_ok() -> None:
-    rows = stored_statuses('since-1987', 'accuracy')
-    assert {x['status'] for x in rows} == {'ok', 'inaccurate'}
-    for x in rows:
-        assert x['status'] == 'inaccurate' or x['error'] <= x['allowed'], x
-        # PCRBM keeps the digits that the condition leaves, on every chain.
-        assert x['status'] == 'ok' or x['method'] != 'pcrbm', x
-
-
-@pytest.mark.parametrize('method', ['pcrbm', 'composite_body', 'constraint_forces', 'pcgm_1987'])
-def test_the_error_of_a_run_is_the_distance_from_fifty_digits(method: str) -> None:
-    robot = pfd.load_robot('panda')
-    state = np.random.default_rng(3).normal(size=(3, 7))
-    exact = pfd.emulate(robot, *state, digits=50).qdd
-    run = pfd.emulate(robot, *state, method=method)
-    off = float(abs(run.qdd - exact).max() / abs(exact).max())
-    # Of the rounding of the residual, up to 2e-15 here.
-    assert abs(run.error - off) < 0.1 * off + 1e-14
-
-
-def test_a_singular_matrix_has_no_error_and_is_no_answer() -> None:
-    robot = uniform_chain(2)
-    light = replace(robot, masses=np.zeros(2), inertias=np.zeros((2, 3, 3)))
-    run = pfd.emulate(light, *np.ones((3, 2)), method='pcgm')
-    assert (run.status, run.error) == ('not_positive_definite', np.inf)
+@pytest.mark.parametrize(
+    ('page', 'table', 'bad', 'always'),
+    [
+        ('counts', 'statuses', 'not_converged', 'pcgm'),
+        ('since-1987', 'accuracy', 'inaccurate', 'pcrbm'),
+    ],
+)
+def test_no_stored_answer_that_is_wrong_is_called_ok(
+    page: str, table: str, bad: str, always: str
+) -> None:
+    rows = stored_statuses(page, table)
+    assert {x['status'] for x in rows} == {'ok', bad}
+    assert {x['status'] for x in rows if x['method'] == always} == {'ok'}
+    assert all(x['status'] == bad or x['error'] <= x['allowed'] for x in rows)
 
 
 ALL_METHODS = pfd.METHODS + pfd.EMULATED_METHODS
@@ -389,7 +346,7 @@ def test_an_arm_that_is_singular_up_to_rounding_has_one_status_of_all_methods(
 ) -> None:
     state = np.random.default_rng(6).normal(size=(3, 4))
     run = pfd.emulate(tip_on_its_axis(0.0), *state, method=method)
-    assert run.status == 'not_positive_definite'
+    assert (run.status, run.error) == ('not_positive_definite', np.inf)
     light = pfd.emulate(tip_on_its_axis(1e-8), *state, method=method)
     assert light.status != 'not_positive_definite'
 
@@ -436,19 +393,3 @@ def test_methods_that_take_rotations_as_they_are_have_all_digits(method: str) ->
     assert 1e-18 < off < 1e-12 if orthogonal else off < 1e-30
     assert abs(run.error - off) <= 0.1 * off + 1e-30
     assert run.status == 'ok'
-
-
-def test_a_braked_joint_that_nothing_moves_leaves_the_answer_right() -> None:
-    robot = uniform_chain(3)
-    masses, inertias = robot.masses.copy(), robot.inertias.copy()
-    masses[2], inertias[2] = 0.0, 0.0
-    robot = replace(robot, masses=masses, inertias=inertias)
-    run = pfd.emulate(
-        robot,
-        *np.ones((3, 3)),
-        method='pcgm',
-        scene=pfd.Scene(brakes=True),
-        brakes=[False, False, True],
-    )
-    assert run.status == 'ok'
-    assert run.error < 1e-12

@@ -14,7 +14,6 @@ import mpmath
 import numpy as np
 import pytest
 
-from benchmarks.cases.paper import claimed, value
 from benchmarks.pages import array as page
 from benchmarks.pages import worked_example
 import pfd_core as pfd
@@ -208,19 +207,6 @@ def test_matrices_follow_one_another_every_n_cycles(n: int) -> None:
 
 
 @pytest.mark.parametrize('n', [1, 2, 6])
-def test_utilisation_has_its_closed_forms(n: int) -> None:
-    # An element (k, m) is in i = 1..k cells: n(n+1)(n+2)/6 in all; as printed each of n(n+1)/2
-    # cells stores h_ki first, and h_kk comes with the flag as the last item of its row.
-    found = {x['event']: x['utilisation'] for x in page.times([n]) if 'utilisation' in x}
-    cells, work = n * (n + 1) / 2, n * (n + 1) * (n + 2) / 6
-    printed = (work + cells) / cells / (3 * n - 1)
-    assert found['factorisation'] == pytest.approx(work / cells / (3 * n - 2))
-    assert found['factorisation, a wrong matrix'] == pytest.approx(printed)
-    several = 5 * work / cells / (3 * n - 2 + 4 * n)
-    assert found['5 matrices, a new one every n cycles'] == pytest.approx(several)
-
-
-@pytest.mark.parametrize('n', [1, 2, 6])
 def test_a_cell_acts_once_for_each_element_of_its_row(n: int) -> None:
     # P_ki meets the elements h_kk .. h_nk of row k; as printed it stores h_ki first.
     for name, stored in (('corrected', 0), ('as printed', 1)):
@@ -228,14 +214,6 @@ def test_a_cell_acts_once_for_each_element_of_its_row(n: int) -> None:
         assert acting == {
             (k, i): n - k + 1 + stored for k in range(1, n + 1) for i in range(1, k + 1)
         }
-
-
-@pytest.mark.parametrize('n', range(2, 13))
-def test_table_1_counts_a_cycle_as_a_multiplication_and_an_addition(n: int) -> None:
-    for own, with_array, without in zip(
-        ('P6 + h', 'P2'), claimed('pcrbm_array', n), claimed('pcrbm', n), strict=True
-    ):
-        assert with_array == without - value(own, n) + 3 * n - 1
 
 
 @pytest.mark.parametrize('n', [2, 3, 6, 8, 9])
@@ -346,26 +324,3 @@ def test_the_program_is_equations_11_and_12(n: int, schedule: str) -> None:
     below = np.array([H[k, k] - H[k, :k] @ H[k, :k] for k in range(n)])
     # Of sums of up to 11 products of the order of n^2, in another order.
     np.testing.assert_allclose(result['radicands'], below, rtol=0, atol=1e-11)
-
-
-@pytest.mark.parametrize('name', ['puma560', 'ur5', 'panda'])
-def test_inertia_matrices_of_real_arms_come_out_wrong_or_not_at_all(name: str) -> None:
-    robot = pfd.load_robot(name)
-    inertia_matrix = pfd.compile_kernel(robot, quantity='inertia_matrix')
-    program = equations_11_and_12(robot.n, 'parallel')
-    for q in np.random.default_rng(2).uniform(-3.0, 3.0, (20, robot.n)):
-        H = inertia_matrix(q)
-        L = run_program(program, {'H': H.ravel()})['L']
-        # NaN, from the root of a negative number, is no match either.
-        assert not np.abs(L @ L.T - H).max() < 1e-3 * np.abs(H).max()
-
-
-@pytest.mark.parametrize('n', [2, 4, 6])
-def test_the_program_does_the_additions_of_set_ordering(n: int) -> None:
-    program = equations_11_and_12(n, 'parallel')
-    added = [
-        one.active.bit_count()
-        for one in program.instructions
-        if one.op == 'add' and one.section == 'set ordering'
-    ]
-    assert added == [len(state.picked) for state in set_ordering(n)[1:]]

@@ -242,14 +242,6 @@ def test_in_exact_arithmetic_n_iterations_are_enough_and_fewer_are_not() -> None
     assert errors[8].max() < 1e-30
 
 
-@pytest.mark.parametrize(
-    ('forms', 'verdict'),
-    [([], False), ([['pcrbm', 'best known', 'unpacked', 'omega']], 'not decided')],
-)
-def test_a_form_below_a_claim_leaves_it_open(forms: list[list[str]], verdict: object) -> None:
-    assert page.of_part('pcrbm', '(d)', *forms)[0] == verdict
-
-
 @pytest.mark.parametrize('n', [2, 4, 8])
 def test_a_doubling_of_the_joints_adds_the_same_steps_to_newton_euler(n: int) -> None:
     # By hand: a level of FOHRA 27 and 18, five sums of vectors 15.

@@ -22,7 +22,6 @@ from benchmarks.cases.paper import (
     claimed,
     editions_of,
     program_of,
-    published_serial,
     row,
     steps_of,
     value,
@@ -304,16 +303,3 @@ def test_no_method_for_n_lanes_beats_thebest_serial_one_on_one_processor(n: int)
         for edition in editions_of(method)[-2:]:
             if method not in methods.SERIAL:
                 assert counted(method, n, edition)['own'] > best_serial(n)['best']
-
-
-def test_the_papers_own_speed_up_is_nearly_reached_with_right_angles() -> None:
-    # Method 3, 1627 and 1255, over 334 and 328 as printed: 4.35.
-    assert published_serial(6) == 1627 + 1255
-    square = row('pcrbm', 6, AS_PRINTED, right_angles=True)
-    assert arithmetic_of(square) == 340 + 325 + 1
-    assert published_serial(6) / arithmetic_of(counted('pcrbm', 6, AS_PRINTED)) < 2882 / 666
-
-
-def test_the_array_does_not_pay_by_its_own_formulas_below_eight_joints() -> None:
-    totals = page.array_by_the_formulas()
-    assert totals == {'with_array': 653, 'without_array': 646, 'array_from': 8}

@@ -20,7 +20,6 @@ from zoo import Array, random_chain, random_state, without_mass
 import pfd_core as pfd
 from pfd_core.dynamics.methods import FORWARD as FORWARD_METHODS
 from pfd_core.machine.emulator import run as run_program
-from pfd_core.machine.recorder import SCHEDULES as MACHINE_SCHEDULES
 from pfd_core.machine.recorder import Recorder
 from pfd_core.model.plant import resolve as resolve_plant
 from pfd_core.paper.articulated_doubling import joined_links
@@ -169,15 +168,6 @@ def totals(method: str, n: int, schedule: str) -> tuple[int, int]:
     return sum(arithmetic(steps)), steps.routes
 
 
-@pytest.mark.parametrize('n', [6, 12, pytest.param(32, marks=pytest.mark.slow)])
-def test_packing_halves_the_arithmetic_and_costs_routes(n: int) -> None:
-    (packed, more), (plain, fewer) = (
-        totals('articulated_body_doubling', n, x) for x in ('parallel', 'unpacked')
-    )
-    assert 1.4 * packed < plain
-    assert more > 10 * fewer
-
-
 @pytest.mark.slow
 def test_ten_times_the_links_take_twice_the_steps_and_of_pcrbm_six_times() -> None:
     for method, least, most in (('articulated_body_doubling', 1, 2), ('pcrbm', 6, 7)):
@@ -201,19 +191,6 @@ def test_links_are_joined_up_to_a_solid_one() -> None:
     found = run(robot, given, 'unpacked')['qdd']
     condition = jacobi_condition(Oracle(robot).H(given['q']))
     assert relative(found, exact.astype(float)) < ACCELERATION * condition
-
-
-@pytest.mark.parametrize('schedule', MACHINE_SCHEDULES)
-@pytest.mark.parametrize('n', [1, 2, 3, 6])
-def test_a_chain_that_ends_in_nothing_has_no_answer_but_with_a_rotor(
-    n: int, schedule: str
-) -> None:
-    robot = without_mass(chain(n), (n - 1,))
-    given = state_of(robot, n)
-    assert not (run(robot, given, schedule)['pivots'] > 0).all()
-    assert (run(robot, given, schedule, armature=[0.1] * n)['pivots'] > 0).all()
-    status = pfd.emulate(robot, *given.values(), method='articulated_body_doubling').status
-    assert status == 'not_positive_definite'
 
 
 # ---- accuracy on ill-conditioned chains ----

@@ -178,7 +178,7 @@ def test_equal_numbers_make_equal_robots_and_any_other_number_or_name_another() 
     for changes in (
         *({'name': 'rud'}, {'joint_names': ('elbow',)}, {'joint_types': ('prismatic',)}),
         *({'masses': [np.nextafter(1.0, 2)]}, {'damping': 1e-300}, {'base': 'floor'}),
-        {'position_upper': 3.0},
+        *({'position_upper': 3.0}, {'root_rotation': np.diag([1.0, -1.0, -1.0])}),
     ):
         assert rod(**changes) != robot
         assert rod(**changes).digest != robot.digest

@@ -4,10 +4,8 @@
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 import re
 
 import numpy as np
@@ -15,12 +13,12 @@ from oracle import DYNAMICS, assert_same_physics, positions_in, relative
 import pinocchio as pin
 import pytest
 from zoo import (
-    ARM,
     BODY,
     FORK,
     ODD_ARM,
     STRAIGHT_ARM,
     TWO_ARMS,
+    changed,
     exact_angles,
     example,
     joint,
@@ -162,13 +160,6 @@ def test_gravity_belongs_to_the_root_whatever_link_is_the_base(
         assert second - first == pytest.approx(wanted_second - wanted_first, abs=1e-11)
 
 
-def test_robots_on_other_mounts_differ() -> None:
-    upright = pfd.load_robot(MOUNTED, base='left_base', tip='left_2')
-    tilted = pfd.load_robot(MOUNTED, base='left_base', tip='left_2', locked={'tilt': 0.5})
-    np.testing.assert_array_equal(upright.translations, tilted.translations)
-    assert upright != tilted
-
-
 def test_right_angles_leave_exact_zeros_and_ones() -> None:
     robot = pfd.load_robot(STRAIGHT_ARM, tip='flange')
     elements = np.concatenate([robot.rotations.ravel(), robot.base_rotation.ravel()])
@@ -191,24 +182,6 @@ def test_limits_and_friction_come_from_the_file() -> None:
     np.testing.assert_array_equal(robot.damping, [0.7, 0, 0, 0, 0, 0])
     np.testing.assert_array_equal(robot.friction, [0.3, 0, 0, 0, 0, 0])
     np.testing.assert_array_equal(robot.armature, np.zeros(6))
-
-
-def test_the_positions_at_which_an_error_proposes_to_lock_are_within_the_limits() -> None:
-    limits = '<limit lower="{}" upper="{}" velocity="3" effort="40"/>'
-    joints = (
-        joint('a', 'revolute', 'base', 'one'),
-        joint('b', 'revolute', 'one', 'two', extra=limits.format(-2.0, -0.5)),
-        joint('c', 'revolute', 'one', 'three', extra=limits.format(0.25, 2.0)),
-    )
-    links = (link('base'), *(link(name, 1.0, J=BODY) for name in ('one', 'two', 'three')))
-    text = urdf('fork', *links, *joints)
-    with pytest.raises(pfd.TreeError) as refused:
-        pfd.load_robot(text)
-    cure = re.search(r'locked=({.*})', str(refused.value))
-    assert cure is not None
-    locked = ast.literal_eval(cure[1])
-    assert locked == {'b': -0.5, 'c': 0.25}
-    assert pfd.load_robot(text, locked=locked).joint_names == ('a',)
 
 
 def turned_by(*quaternions: str, version: str = ' version="1.1"') -> str:
@@ -255,49 +228,37 @@ def test_a_quaternion_in_version_1_0_is_not_read_but_named_as_pinocchio_does() -
         assert_same_physics(robot, text, {})
 
 
-@pytest.mark.parametrize(
-    ('place', 'attribute'),
-    [
-        ('<limit lower="-1"', 'acceleration="5"'),
-        ('<limit lower="-1"', 'jerk="5"'),
-        ('<dynamics damping="0.7"', 'mu_viscous="5"'),
-        ('<mass value="4.0"', 'unit="g"'),
-        ('<inertia ixx="0.02"', 'unit="g mm^2"'),
-        ('<axis xyz="0.3 -0.5 0.8"', 'rpy="1 0 0"'),
-        ('<origin xyz="0.01 -0.02 0.1"', 'wxyz="1 0 0 0"'),
-        ('<transmission name="t"', 'reduction="100"'),
-    ],
-)
-def test_an_attribute_of_physics_that_is_not_read_is_named(place: str, attribute: str) -> None:
+# Text of ODD_ARM, what replaces it, and how it is named.
+UNREAD = [
+    *(
+        (old, f'{old} {attribute}="5"', f'{element} {attribute}=')
+        for old, attribute, element in (
+            ('<limit lower="-1"', 'acceleration', '<limit>'),
+            ('<limit lower="-1"', 'jerk', '<limit>'),
+            ('<dynamics damping="0.7"', 'mu_viscous', '<dynamics>'),
+            ('<mass value="4.0"', 'unit', '<mass>'),
+            ('<inertia ixx="0.02"', 'unit', '<inertia>'),
+            ('<axis xyz="0.3 -0.5 0.8"', 'rpy', '<axis>'),
+            ('<origin xyz="0.01 -0.02 0.1"', 'wxyz', '<origin>'),
+            ('<transmission name="t"', 'reduction', "<transmission name='t'>"),
+        )
+    ),
+    # Attributes in place of elements, and elements in place of attributes.
+    ('<dynamics damping="0.7"', '<dynamics><damping>1</damping></dynamics><x', '<damping>'),
+    ('<joint name="j1"', '<joint name="j1" axis="0 1 0"', 'axis='),
+    ('<link name="turret">', '<link name="turret" mass="3">', 'mass='),
+    ('<mass value="4.0"/>', '<mass value="4.0"><unit>g</unit></mass>', '<unit>'),
+]
+
+
+@pytest.mark.parametrize(('old', 'new', 'named'), UNREAD)
+def test_physics_that_is_not_read_is_named(old: str, new: str, named: str) -> None:
     text = ODD_ARM.replace('</robot>', '<transmission name="t"/></robot>')
-    assert place in text
-    with pytest.warns(pfd.PhysicsWarning) as found:
-        robot = pfd.load_robot(text.replace(place, f'{place} {attribute}', 1))
-    (warning,) = found
-    element, name = place[1:].split()[0], attribute.split('=')[0]
-    assert f'<{element}' in str(warning.message)
-    assert f' {name}=' in str(warning.message)
-    assert robot == pfd.load_robot(ODD_ARM)
-
-
-@pytest.mark.parametrize(
-    ('old', 'new', 'name'),
-    [
-        (
-            '<dynamics damping="0.7" friction="0.3"/>',
-            '<dynamics><damping>1</damping></dynamics>',
-            '<damping>',
-        ),
-        ('<joint name="j1"', '<joint name="j1" axis="0 1 0"', 'axis='),
-        ('<link name="turret">', '<link name="turret" mass="3">', 'mass='),
-        ('<mass value="4.0"/>', '<mass value="4.0"><unit>g</unit></mass>', '<unit>'),
-    ],
-)
-def test_attributes_in_place_of_elements_and_elements_in_place_of_attributes_are_named(
-    old: str, new: str, name: str
-) -> None:
-    with pytest.warns(pfd.PhysicsWarning, match='not read.*' + re.escape(name)):
-        pfd.load_robot(changed(old, new))
+    assert old in text
+    with pytest.warns(pfd.PhysicsWarning, match='not read.*' + re.escape(named)) as found:
+        robot = pfd.load_robot(text.replace(old, new, 1))
+    assert len(found) == 1
+    assert (robot == pfd.load_robot(ODD_ARM)) == (named != '<damping>')
 
 
 def test_attributes_of_many_joints_that_are_not_read_are_named_once_with_their_number() -> None:
@@ -362,13 +323,6 @@ def test_rotors_of_a_urdf_are_seen_through_their_gears(
     np.testing.assert_allclose(locked.armature, armature[1:], rtol=1e-15)
 
 
-def test_a_rotor_outside_of_the_actuator_is_named() -> None:
-    outside = f'{ROTOR}{motor("")}', f'<joint name="wrist">{ROTOR}</joint><actuator name="m"/>'
-    for inner in outside:
-        with pytest.warns(pfd.PhysicsWarning, match="not read: <transmission name='gear'> <motor"):
-            assert not pfd.load_robot(geared(inner), locked=FINGERS).armature.any()
-
-
 @pytest.mark.parametrize(
     ('inner', 'message'),
     [
@@ -391,145 +345,11 @@ def test_a_wrong_transmission_is_named(inner: str, message: str) -> None:
         pfd.load_robot(geared(inner), locked=FINGERS)
 
 
-# ---- no chain ----
-
-
-# Others, and what to do about them, are in test_remedies.
-BAD = [
-    (ODD_ARM, {'base': 'nowhere'}, "base 'nowhere'.*'world'"),
-    (ODD_ARM, {'base': 'hand', 'tip': 'tool'}, 'no joint moves'),
-    (ODD_ARM, {'base': 'hand'}, "no joint moves below 'hand'"),
-    (ODD_ARM, {'locked': {'mount': 0.0}}, "'mount'.*fixed joint"),
-    (ODD_ARM, {'locked': {'j1': np.nan}}, "'j1' is locked must be finite"),
-    ('<robot name="x"><link', {}, 'not well-formed XML'),
-    ('<model/>', {}, 'starts with <robot>'),
-    ('<robot name="x"/>', {}, 'no <link>'),
-    (urdf('x', *ARM, joint('hinge', 'planar', 'base', 'arm')), {}, "'hinge' is planar"),
-]
-
-
-@pytest.mark.parametrize(('text', 'choice', 'message'), BAD, ids=range(len(BAD)))
-def test_a_robot_that_is_no_chain_is_refused_and_named(
-    text: str, choice: dict[str, object], message: str
-) -> None:
-    with pytest.raises(ValueError, match=message):
-        pfd.load_robot(text, **choice)
-
-
-# Trees: a gripper whose second finger follows, a hand of three fingers, a head, two arms.
-
-
-def mimicking(text: str, follower: str, rule: str) -> str:
-    """Return a URDF in which a joint mimics another."""
-    return re.sub(
-        rf'(name="{follower}".*?<axis [^>]*/>)', rf'\1<mimic {rule}/>', text, count=1, flags=re.S
-    )
-
-
-LIMITS = '<limit lower="{}" upper="{}" velocity="3" effort="40"/>'
-MIMIC_FORK = mimicking(
-    FORK, 'right_finger', 'joint="left_finger" multiplier="-1" offset="0.02"'
-).replace('<axis xyz="0 1 0"/><limit lower="-2"', '<axis xyz="0 1 0"/><limit lower="0.01"')
-HAND = urdf(
-    'hand',
-    *(link('base'), link('arm', 2.0, '0 0 0.1', '0 0 0', BODY)),
-    *(link(f'l{k}', 1.0, '0 0.1 0.1', '0 0 0', BODY) for k in range(4)),
-    *(link(f'{side}{k}', 0.1, '0 0 0.02', '0 0 0', BODY) for side in 'abc' for k in range(2)),
-    joint('shoulder', 'revolute', 'base', 'arm', axis='0 1 0'),
-    joint('w0', 'revolute', 'arm', 'l0', '0 0 0.4', axis='1 0 0'),
-    *(joint(f'w{k}', 'revolute', f'l{k - 1}', f'l{k}', '0 0 .1', axis='1 1 0') for k in (1, 2, 3)),
-    *(joint(f'f_{s}0', 'revolute', 'l3', f'{s}0', '0.1 0 0.1', axis='0 1 0') for s in 'abc'),
-    *(joint(f'f_{s}1', 'revolute', f'{s}0', f'{s}1', '0 0 0.1', axis='0 1 0') for s in 'abc'),
-)
-HEAD = urdf(
-    'head',
-    *(link('base'), link('chest', 5.0, '0 0 0.1', '0 0 0', BODY), link('eye', 0.5, J=BODY)),
-    *(link('upper', 2.0, '0.1 0 0', '0 0 0', BODY), link('fore', 1.0, '0.1 0 0', J=BODY)),
-    joint('waist', 'continuous', 'base', 'chest', extra=''),
-    joint(
-        'nod', 'revolute', 'chest', 'eye', '0 0 0.5', axis='0 1 0', extra=LIMITS.format(0.2, 1.0)
-    ),
-    joint('shoulder', 'revolute', 'chest', 'upper', '0 0.2 0.3', axis='0 1 0'),
-    joint('elbow', 'revolute', 'upper', 'fore', '0.3 0 0', axis='0 1 0'),
-)
-TREES = [
-    (FORK, 'palm', ('shoulder', 'wrist')),
-    (MIMIC_FORK, 'palm', ('shoulder', 'wrist')),
-    (HAND, 'l3', ('shoulder', 'w0', 'w1', 'w2', 'w3')),
-    (HEAD, 'fore', ('waist', 'shoulder', 'elbow')),
-    (TWO_ARMS, 'left_fore', ('lift', 'left_shoulder', 'left_elbow')),
-]
-
-
-@pytest.mark.parametrize(('text', 'tip', 'moving'), TREES, ids=range(len(TREES)))
-def test_tip_and_locks_of_a_refused_tree_give_the_arm_of_the_longest_chain(
-    text: str, tip: str, moving: tuple[str, ...]
-) -> None:
-    with pytest.raises(pfd.TreeError) as refused:
-        pfd.load_robot(text)
-    assert refused.value.tip == tip
-    with pytest.warns(pfd.PhysicsWarning, match='are locked') as said:
-        robot = pfd.load_robot(text, tip=tip)
-    assert len(said) == 1
-    assert '\n' not in str(said[0].message)
-    assert robot.joint_names == moving
-    locked = pfd.locked_joints(text, tip=tip)
-    assert all(repr(name) in str(said[0].message) for name in locked)
-    assert pfd.load_robot(text, locked=refused.value.positions) == robot
-    assert pfd.load_robot(text, tip=tip, locked=locked) == robot
-
-    # The whole tree with the other joints locked, reduced by Pinocchio.
-    whole = pin.buildModelFromXML(exact_angles(text))
-    assert set(locked) == {*whole.names} - {'universe', *moving}
-    for name, position in locked.items():
-        place = whole.joints[whole.getJointId(name)]
-        limits = whole.lowerPositionLimit[place.idx_q], whole.upperPositionLimit[place.idx_q]
-        assert limits[0] <= position <= limits[1]
-    fixed = [whole.getJointId(name) for name in locked]
-    reduced = pin.buildReducedModel(
-        whole, fixed, positions_in(whole, robot, np.zeros(robot.n), locked)
-    )
-    assert list(reduced.names[1:]) == list(moving)
-    data = reduced.createData()
-    rng = np.random.default_rng(44)
-    for _ in range(20):
-        q, qd, qdd = rng.uniform(-1.5, 1.5, (3, robot.n))
-        tau = pin.rnea(reduced, data, positions_in(reduced, robot, q, {}), qd, qdd)
-        got = pfd.inverse_dynamics(robot, q, qd, qdd)
-        assert np.abs(got - tau).max() <= DYNAMICS * np.abs(tau).max()
-
-
-@pytest.mark.parametrize(
-    ('text', 'locked', 'found'),
-    [
-        (FORK, {'*_finger': 0.1}, {'left_finger': 0.1, 'right_finger': 0.1}),
-        (FORK, {'*_finger': 0.1, 'left_*': 0.2}, {'left_finger': 0.1, 'right_finger': 0.1}),
-        (FORK, {'*_finger': 0.1, 'left_finger': 0.2}, {'left_finger': 0.2, 'right_finger': 0.1}),
-        (MIMIC_FORK, {'*_finger': 0.1}, {'left_finger': 0.1, 'right_finger': -0.1 + 0.02}),
-        (MIMIC_FORK, {'left_*': 0.1}, {'left_finger': 0.1, 'right_finger': -0.1 + 0.02}),
-        ('planar2', {'elb[o]w': 0.1}, {'elbow': 0.1}),
-    ],
-    ids=range(6),
-)
-def test_a_pattern_locks_the_joints_that_it_matches_and_names_have_precedence(
-    text: str, locked: dict[str, float], found: dict[str, float]
-) -> None:
-    assert pfd.locked_joints(text, locked=locked) == found
-    assert pfd.load_robot(text, locked=locked) == pfd.load_robot(text, locked=found)
-
-
-@pytest.mark.parametrize('source', [FORK, 'planar2'])
-def test_a_pattern_that_matches_no_joint_is_refused_by_name(source: str) -> None:
-    with pytest.raises(ValueError, match=r"cannot lock 'thumb_\*': it matches no joint"):
-        pfd.load_robot(source, locked={'thumb_*': 0.0})
-
-
-def test_a_floating_joint_above_the_base_is_cut_off() -> None:
-    text = urdf(
-        *('x', *ARM, link('fore', 1, J=BODY), joint('free', 'floating', 'base', 'arm')),
-        joint('j', 'revolute', 'arm', 'fore', '0.1 0 0'),
-    )
-    assert pfd.load_robot(text, base='arm').joint_names == ('j',)
+def test_a_rotor_outside_of_the_actuator_is_named() -> None:
+    outside = f'{ROTOR}{motor("")}', f'<joint name="wrist">{ROTOR}</joint><actuator name="m"/>'
+    for inner in outside:
+        with pytest.warns(pfd.PhysicsWarning, match="not read: <transmission name='gear'> <motor"):
+            assert not pfd.load_robot(geared(inner), locked=FINGERS).armature.any()
 
 
 # The second joint is 1.8e-9 short of a right angle.
@@ -559,40 +379,6 @@ def test_angles_are_those_of_the_file_to_rounding_where_right_angle_is_negative(
             assert robot.snapped_joints == (() if exact else ('second',))
             error = relative(pfd.inverse_dynamics(robot, q, qd, qdd), expected)
             assert (error < 1e-12) == exact
-
-
-def changed(old: str, new: str) -> str:
-    assert old in ODD_ARM, old
-    return ODD_ARM.replace(old, new, 1)
-
-
-NO_NUMBERS = (
-    *('', 'nan', '1_0', '\u0664', '0x10', '1,5', '1 2', '4.0kg', '1e400', '1e101', '1e-400'),
-)
-# Where a number is, with %s in its place, and the words by which an error names it.
-PLACES = {
-    '<mass value="%s"/>': ('4.0', "<mass value> of link 'turret'"),
-    'ixx="%s"': ('0.02', "<inertia ixx> of link 'pedestal'"),
-    'xyz="0.01 %s 0.1"': ('-0.02', "<origin xyz> of link 'turret'"),
-    'rpy="0.3 %s 0.5"': ('-0.2', "<origin rpy> of link 'turret'"),
-    'damping="%s"': ('0.7', "<dynamics damping> of joint 'j1'"),
-    '<axis xyz="%s -0.5 0.8': ('0.3', "<axis xyz> of joint 'j2'"),
-    'lower="%s"': ('-1', "<limit lower> of joint 'j1'"),
-    'upper="%s"': ('1.5', "<limit upper> of joint 'j1'"),
-    'velocity="%s"': ('2', "<limit velocity> of joint 'j1'"),
-    'effort="%s"': ('60', "<limit effort> of joint 'j1'"),
-}
-
-
-@pytest.mark.parametrize('number', NO_NUMBERS)
-def test_a_value_that_is_no_number_is_refused_and_the_link_or_joint_named(number: str) -> None:
-    for place, (value, where) in PLACES.items():
-        # A limit may be large.
-        if number == '1e101' and 'limit' in where:
-            continue
-        with pytest.raises(ValueError, match=re.escape(where)) as caught:
-            pfd.load_robot(changed(place % value, place % number))
-        assert len(str(caught.value)) < 500
 
 
 def test_a_limit_may_be_infinite_and_its_ends_be_left_out() -> None:
@@ -654,148 +440,6 @@ def test_the_other_half_of_an_inertia_may_be_written_and_must_be_the_same() -> N
             pfd.load_robot(text.replace(inertia, f'{inertia} {key}="0"'))
 
 
-# Line 1 is the declaration; link, joint and transmission begin in lines 5, 11 and 17.
-LINED = """<?xml version="1.0"?>
-<!-- an arm -->
-<robot name="arm" version="1.1">
-  <link name="base"/>
-  <link name="arm">
-    <inertial>
-      <mass value="1"/>
-      <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>
-    </inertial>
-  </link>
-  <joint name="j" type="revolute">
-    <parent link="base"/><child link="arm"/>
-    <axis xyz="0 0 1"/>
-    <limit lower="-1" upper="1" effort="1" velocity="1"/>
-    <dynamics damping="0"/>
-  </joint>
-  <transmission name="t"><type>SimpleTransmission</type>
-    <joint name="j"/>
-    <actuator name="m"><motorInertia>0</motorInertia></actuator>
-  </transmission>
-</robot>"""
-MASS = '<mass value="1"/>'
-INERTIA = 'ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"'
-MIMICS = '<mimic joint="{}"/></joint>'
-
-
-@pytest.mark.parametrize(
-    ('old', 'new', 'line', 'words'),
-    [
-        (MASS, '<mass value="1,5"/>', 7, "<mass value> of link 'arm'"),
-        (MASS, '<mass value="-1"/>', 6, "<mass value> of link 'arm'"),
-        (MASS, '', 6, "<inertial> of link 'arm'"),
-        ('iyz="0" ', '', 8, "<inertia iyz> of link 'arm'"),
-        (INERTIA, INERTIA.replace('ixx="1"', 'ixx="-1"'), 6, "<inertia> of link 'arm'"),
-        ('link name="arm"', 'link name="base"', 5, r"two links named 'base' \(line [45]\)"),
-        ('type="revolute"', 'type="ball"', 11, "joint 'j' has type 'ball'"),
-        ('<child link="arm"/>', '<child link="leg"/>', 11, "joint 'j' names link 'leg'"),
-        ('xyz="0 0 1"', 'xyz="0 1"', 13, "<axis xyz> of joint 'j'"),
-        ('xyz="0 0 1"', 'xyz="0 0 0"', 13, "<axis xyz> of joint 'j'"),
-        ('effort="1"', 'effort="nan"', 14, "<limit effort> of joint 'j'"),
-        ('damping="0"', 'damping="-1"', 15, "<dynamics damping> of joint 'j'"),
-        ('</joint>', MIMICS.format('j'), 11, "<mimic> in a circle of joints: 'j'"),
-        ('>SimpleT', '>pkg/WristT', 17, "transmission 't'.*'WristTransmission'"),
-        ('>0</motor', '>a</motor', 19, "motorInertia of transmission 't'"),
-        ('version="1.1"', 'version="2.0"', 3, "<robot version> must be one of 1.0, .* got '2.0'"),
-        ('version="1.1"', 'version=""', 3, "<robot version> must be one of .* got ''"),
-        (MASS, f'<origin quat_xyzw="0 0 0 0"/>{MASS}', 7, 'must be four numbers, not all 0'),
-        (MASS, f'<origin quat_xyzw="1 0 0"/>{MASS}', 7, "must be four numbers, got '1 0 0'"),
-        (MASS, f'<origin quat_xyzw="1 0 0 x"/>{MASS}', 7, "must be a number, got 'x'"),
-        (MASS, f'<origin rpy="0 0 0" quat_xyzw="1 0 0 0"/>{MASS}', 7, 'has rpy and quat_xyzw'),
-        (MASS, f'<origin xyz="0 0"/>{MASS}', 7, "<origin xyz> of link 'arm' must"),
-        (MASS, MASS * 2, 7, "link 'arm' has 2 elements <mass>"),
-        ('xyz="0 0 1"', '', 13, "<axis xyz> of joint 'j' must be three"),
-        ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/>' * 2, 13, "joint 'j' has 2 elements <axis>"),
-        ('<link name="base"/>', '<link/>', 4, 'a <link> without a name'),
-        ('<robot', '<!DOCTYPE robot>\n<robot', 3, 'no <!DOCTYPE>'),
-        ('<link name="base"/>', '<link name="base">', 21, 'not well-formed XML: mismatched tag'),
-    ],
-)
-def test_an_error_about_an_element_starts_with_its_file_and_line(
-    tmp_path: Path, old: str, new: str, line: int, words: str
-) -> None:
-    assert LINED.count(old) >= 1
-    text = LINED.replace(old, new, 1)
-    path = tmp_path / 'arm.urdf'
-    path.write_text(text)
-    for source, place in ((path, re.escape(str(path))), (f'\n{text}', 'URDF text')):
-        number = line + (source is not path)
-        with pytest.raises(ValueError, match=f'^{place}, line {number}: .*{words}') as caught:
-            pfd.load_robot(source)
-        assert '\n' not in str(caught.value)
-
-
-def test_a_circle_of_mimics_is_named_wherever_it_is() -> None:
-    links = [link(name, 1, J=BODY) for name in 'abcde']
-    joints = [
-        joint(f'j{k}', 'continuous', *pair) for k, pair in enumerate(('ab', 'bc', 'cd', 'de'))
-    ]
-    for k, leader in ((0, 'j1'), (1, 'j2'), (2, 'j3'), (3, 'j1')):
-        joints[k] = joints[k].replace('</joint>', MIMICS.format(leader))
-    with pytest.raises(ValueError, match=r"line 9: <mimic> in a circle.*: 'j1', 'j2', 'j3'$"):
-        pfd.load_robot(urdf('arm', *links, *joints))
-
-
-def test_a_transmission_of_an_unknown_type_is_named_with_its_line() -> None:
-    text = LINED.replace('>0</motorInertia>', '/>').replace('<motorInertia', '<gain')
-    with pytest.warns(pfd.PhysicsWarning, match=r"<transmission name='t'> of type 'Wr.*line 17\)"):
-        pfd.load_robot(text.replace('>SimpleT', '>pkg/WristT'))
-    for name in ('SimpleT', 'transmission_interface/DifferentialT'):
-        assert pfd.load_robot(text.replace('>SimpleT', f'>{name}')).n == 1
-
-
-BOMB = '<!DOCTYPE r [<!ENTITY a0 "x">{}]><robot name="&a30;"><link name="a"/></robot>'.format(
-    ''.join(f'<!ENTITY a{i + 1} "&a{i};&a{i};">' for i in range(30))
-)
-
-
-@pytest.mark.parametrize(
-    ('text', 'message'),
-    [
-        (BOMB, 'a URDF has no <!DOCTYPE>'),
-        ('<robot>' + '<link name="a"/>' * 1_000_000 + '</robot>', 'than the 100000 elements'),
-        (f'<robot><link name="{"x" * 16_000_000}"/></robot>', 'no joint moves'),
-        (f'<robot version="{"1" * 16_000_000}"/>', '<robot version> must be one of 1.0, 1.1, 1.2'),
-        (
-            f'<robot><link name="a"/><joint name="j" type="{"x" * 16_000_000}"/></robot>',
-            'has type',
-        ),
-        ('<!DOCTYPE robot SYSTEM "file:///etc/passwd"><robot/>', 'a URDF has no <!DOCTYPE>'),
-        ('<robot>' + ''.join(f'<link name="{i}"/>' for i in range(501)) + '</robot>', '501 links'),
-        ('<robot>' + '<a>' * 2_000_000 + '</a>' * 2_000_000 + '</robot>', 'more than 100 deep'),
-        ('<robot name="\ud800"/>', 'not well-formed XML'),
-        ('<robot name="\0"/>', 'not well-formed XML'),
-        ('<robot>' + ' ' * (16 * 2**20) + '</robot>', 'characters, more than'),
-    ],
-    ids=range(11),
-)
-def test_hostile_xml_is_refused_in_a_short_line(text: str, message: str) -> None:
-    with pytest.raises(ValueError, match=message) as caught:
-        pfd.load_robot(text)
-    assert len(str(caught.value)) < 500
-    assert '\n' not in str(caught.value)
-
-
-def test_a_long_chain_is_loaded_and_a_longer_one_refused() -> None:
-    def chain(n: int) -> str:
-        links = [link(f'l{i}', 1.0, '0.1 0 0', J=BODY) for i in range(n + 1)]
-        joints = [
-            joint(f'j{i}', 'continuous', f'l{i}', f'l{i + 1}', '0.2 0 0', '1.5 0 0')
-            for i in range(n)
-        ]
-        return urdf('long', *links[::-1], *joints[::-1])
-
-    robot = pfd.load_robot(chain(499))
-    assert robot.n == 499
-    assert robot.joint_names[0] == 'j0'
-    assert pfd.load_robot(chain(499), locked={f'j{i}': 0.1 for i in range(1, 499)}).n == 1
-    with pytest.raises(ValueError, match='501 links'):
-        pfd.load_robot(chain(500))
-
-
 NAMED = """
 <robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro" xmlns:drake="http://drake.mit.edu">
   <link name="base"/>
@@ -850,11 +494,6 @@ def arm_of(first: str, last: str = '', rpy: str = '0 0 0') -> str:
             arm_of('51.3 0.1 0 0 16600 16600 10000'),
             "'upper' (line 4) has a radius of gyration of 18 m",
         ),
-        (arm_of('1.2 53 0.2 -4 0.002 0.003 0.003'), "'upper' (line 4) has its centre 53.2 m from"),
-        (
-            arm_of('1.2 0.05 0 0 1200 3300 3400'),
-            "'upper' (line 4) has a radius of gyration of 53.2 m",
-        ),
         # As in Doosan's a0509: in the frame of the base.
         (
             arm_of('3.785 -0.3 0.2 0.4 0.01 0.01 0.01'),
@@ -877,7 +516,7 @@ def arm_of(first: str, last: str = '', rpy: str = '0 0 0') -> str:
         ),
         (arm_of('1 0.1 0 0 0.01 0.01 0.01', rpy='90 0 0'), "joint 'shoulder' has more than a who"),
     ],
-    ids=['g', 'mm', 'g mm^2', 'base frame', 'last', 'long arm', 'degrees'],
+    ids=['g', 'base frame', 'last', 'long arm', 'degrees'],
 )
 def test_a_size_that_no_body_of_the_arm_has_is_warned_of_and_taken_as_written(
     text: str, words: str

@@ -317,3 +317,9 @@ def exact_angles(text: str) -> str:
 
 
 ARM = (link('base'), link('arm', 1, J=BODY))
+
+
+def changed(old: str, new: str) -> str:
+    """Return ODD_ARM with a text replaced, which must be there."""
+    assert old in ODD_ARM, old
+    return ODD_ARM.replace(old, new, 1)

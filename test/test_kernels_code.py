@@ -298,7 +298,7 @@ RUNNABLE = [cpu for cpu in LEVELS if X86 and not native.missing_features(cpu)]
 # The files whose tests run code for every processor.
 TESTED = (
     'test_kernels*.py',
-    'test_sines.py',
+    'test_machine.py',
     'test_simulation.py',
     'test_contact.py',
     'test_effects.py',

@@ -16,15 +16,27 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sampling import one_fast
 
 from benchmarks.cases.conjugate import errors_of_iterates
-from benchmarks.cases.paper import TABLE, VERDICTS, claimed, row, value
+from benchmarks.cases.paper import (
+    AS_PRINTED,
+    TABLE,
+    VERDICTS,
+    claimed,
+    editions_of,
+    row,
+    value,
+)
 from benchmarks.cases.problems import seeded_states
 from benchmarks.cases.robots import uniform_chain
 from benchmarks.pages import claims as page
+from benchmarks.pages import counts as counts_page
 from benchmarks.table import json_text, stored_table
 import pfd_core as pfd
 from pfd_core.dynamics.methods import FORWARD as FORWARD_METHODS
+from pfd_core.dynamics.methods import ITERATIVE as ITERATIVE_METHODS
+from pfd_core.dynamics.methods import SERIAL as SERIAL_METHODS
 from pfd_core.machine.emulator import run as run_program
 from pfd_core.machine.recorder import Recorder
 from pfd_core.machine.vectors import array as vector_array
@@ -328,3 +340,57 @@ def test_the_order_of_equation_3_is_wrong_for_matrices() -> None:
     A = A.reshape(3, 3, 3)
     np.testing.assert_allclose(ends[0], b[2] + A[2] @ (b[1] + A[1] @ b[0]), rtol=0, atol=1e-13)
     assert abs(ends[1] - ends[0]).max() > 0.1
+
+
+# ---- speed-ups ----
+
+
+DIRECT = tuple(method for method in pfd.METHODS if method not in ITERATIVE_METHODS)
+counted = cache(row)
+
+
+@cache
+def best_serial(n: int) -> dict[str, Any]:
+    """Return the baseline of n joints, by the same function as the page's."""
+    rows = [counted(x, n, e) for x in DIRECT for e in editions_of(x)[-2:]]
+    return counts_page.best_serial(rows, n)
+
+
+def check_ratios(counts: dict[str, Any], least: dict[str, Any]) -> None:
+    """Assert that no speed-up is above the processors, by any of the ratios."""
+    direct = counts['iterations'] is None
+    over = counts | least if direct else counts
+    for name in ('own', *(('best',) if direct else ())):
+        alone, routed = (counts_page.efficiency(over, name, how) for how in (False, True))
+        assert 0 < routed <= alone <= 1, counts
+    assert 0 < counts['work'] / (counts_page.arithmetic_of(counts) * counts['units']) <= 1
+    # One processor needs no more steps than all of them do operations.
+    assert counts['own'] <= counts['work']
+    if direct and counts['edition'] != AS_PRINTED:
+        assert counts['own'] >= least['best']
+        if counts['system'] in SERIAL_METHODS:
+            assert counts_page.speed_up(counts, 'own') == 1
+
+
+@pytest.mark.parametrize(
+    'n',
+    [
+        *one_fast(counts_page.SIZES[:9], 3),
+        *(
+            pytest.param(n, marks=[pytest.mark.slow, pytest.mark.long])
+            for n in counts_page.SIZES[9:]
+        ),
+    ],
+)
+def test_no_efficiency_is_above_one(n: int) -> None:
+    for method in pfd.METHODS:
+        for edition in editions_of(method):
+            check_ratios(counted(method, n, edition), best_serial(n))
+
+
+@pytest.mark.parametrize('n', one_fast([2, 3, 5], 3))
+def test_no_efficiency_is_above_one_at_any_number_of_processors(n: int) -> None:
+    for method in DIRECT:
+        if method not in SERIAL_METHODS and method != 'divide_and_conquer':
+            for p in range(1, n + 1):
+                check_ratios(row(method, n, processors=p), best_serial(n))

@@ -327,7 +327,8 @@ def test_tip_and_locks_of_a_refused_tree_give_the_arm_of_the_longest_chain(
     assert '\n' not in str(said[0].message)
     assert robot.joint_names == moving
     locked = pfd.locked_joints(text, tip=tip)
-    assert all(repr(name) in str(said[0].message) for name in locked)
+    few = [*locked][: 8 if len(locked) < 9 else 1]
+    assert all(repr(name) in str(said[0].message) for name in few)
     assert pfd.load_robot(text, locked=refused.value.positions) == robot
     assert pfd.load_robot(text, tip=tip, locked=locked) == robot
     # What the message advises can be copied; many joints are named by a pattern.

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Iterator
 import gc
 import os
@@ -26,7 +26,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))
 # Objects between two collections, and collections of one generation between those of the next: a
 # recording makes hundreds of thousands of objects that live on.
 COLLECTED = (50_000, 20, 50)
-# Of the parameters of a test marked `slow`, one in so many is not `long`.
+# Of the parameters of a test that are all marked `slow`, one in so many is not `long`.
 SAMPLED = 6
 
 # Time limits depend on the machine; so does the health check for slow examples.
@@ -82,15 +82,16 @@ def pytest_xdist_auto_num_workers() -> int:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Leave most parameters of a sweep to the run of all tests: they are `long`."""
+    """Leave what repeats a fast test, and most of what is slow alone, to the run of all tests."""
     _mark_sweeps(items)
-    place: Counter[str] = Counter()
+    every = defaultdict[str, list[pytest.Item]](list)
     for item in items:
-        if item.get_closest_marker('slow') is not None:
-            name = item.nodeid.partition('[')[0]
-            if place[name] % SAMPLED:
+        every[item.nodeid.partition('[')[0]].append(item)
+    for each in every.values():
+        slow = [item for item in each if item.get_closest_marker('slow') is not None]
+        for place, item in enumerate(slow):
+            if len(slow) < len(each) or place % SAMPLED:
                 item.add_marker('long')
-            place[name] += 1
 
 
 def _mark_sweeps(items: list[pytest.Item]) -> None:

@@ -37,39 +37,26 @@ def assert_same(runs: pfd.Trajectory, b: int, alone: pfd.Trajectory) -> None:
 def test_every_arm_moves_as_it_would_alone(size: int, integrator: str, dtype: str) -> None:
     robot = pfd.load_robot('planar2')
     options = {'integrator': integrator, 'dtype': dtype, 'substeps': 3}
-    options['scene'] = pfd.Scene(damping=[20.0, 10.0])
+    options['scene'] = pfd.Scene(damping=[20.0, 10.0], external_wrench=True, brakes=True)
     many, one = pfd.Ensemble(robot, size, **options), pfd.Simulator(robot, **options)
     q, qd, taus = sequences(2, size, dtype)
+    rng = np.random.default_rng(82)
+    wrench, brakes = rng.normal(size=(size, 6)).astype(dtype), rng.random((size, 2)) < 0.4
     many.reset(q, qd, time=1.5)
-    runs = many.rollout(taus)
+    runs = many.rollout(taus, wrench=wrench, brakes=brakes)
     assert runs.status == 'ok'
     np.testing.assert_array_equal(runs.finite_steps, STEPS)
     for b in range(size):
         one.reset(q[b], qd[b], time=1.5)
-        assert_same(runs, b, one.rollout(taus[b]))
+        alone = one.rollout(taus[b], wrench[b], brakes=brakes[b])
+        assert_same(runs, b, alone)
     for name in ('q', 'qd', 'qdd'):
         np.testing.assert_array_equal(getattr(many, name), getattr(runs, name)[:, -1])
     assert many.time == one.time
-
-
-def test_wrench_brakes_and_sliding_joints_act_on_each_arm_separately() -> None:
-    rng = np.random.default_rng(82)
-    robot = random_chain(rng, 4, joint_types=['revolute', 'prismatic', 'continuous', 'revolute'])
-    scene = pfd.Scene(external_wrench=True, brakes=True, damping='model', armature='model')
-    many, one = pfd.Ensemble(robot, 11, scene), pfd.Simulator(robot, scene)
-    q, qd, taus = sequences(4, 11)
-    wrench, brakes = rng.normal(size=(11, 6)), rng.random((11, 4)) < 0.4
-    many.reset(q, qd)
-    runs = many.rollout(taus, wrench=wrench, brakes=brakes)
-    for b in range(11):
-        one.reset(q[b], qd[b])
-        assert_same(runs, b, one.rollout(taus[b], wrench[b], brakes=brakes[b]))
     # Inputs that all arms share are broadcast.
-    many.reset(q[3], qd[3])
-    runs = many.rollout(taus[3], wrench=wrench[3], brakes=brakes[3])
-    one.reset(q[3], qd[3])
-    alone = one.rollout(taus[3], wrench[3], brakes=brakes[3])
-    for b in range(11):
+    many.reset(q[-1], qd[-1], time=1.5)
+    runs = many.rollout(taus[-1], wrench=wrench[-1], brakes=brakes[-1])
+    for b in range(size):
         assert_same(runs, b, alone)
 
 

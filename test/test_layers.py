@@ -345,7 +345,7 @@ FORMATTED = ('pfd_core', 'pfd_ros', 'test', 'benchmarks', 'launch', 'packaging',
     [
         ('ruff', 'check', *FORMATTED),
         ('ruff', 'format', '--check', *FORMATTED),
-        pytest.param(('mypy',), marks=pytest.mark.slow),
+        ('mypy',),
     ],
     ids=['lint', 'format', 'types'],
 )

@@ -33,8 +33,6 @@ from pfd_core.machine.lanes import sin as lane_sin
 from pfd_core.machine.lanes import sqrt as lane_sqrt
 from pfd_core.machine.lanes import where as lane_where
 from pfd_core.machine.operations import fused as fused_multiply_add
-from pfd_core.machine.program import Instruction
-from pfd_core.machine.program import Output as ProgramOutput
 from pfd_core.machine.recorder import SCHEDULES as MACHINE_SCHEDULES
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.paper.lanes import shift as lane_shift
@@ -271,22 +269,6 @@ def test_a_fused_product_has_the_bits_of_the_c_library(dtype: str, kind) -> None
     both = fused_multiply_add(a, b, c), np.array([function(*row) for row in rows], dtype)
     one, other = (np.where(np.isnan(x), x.dtype.type(np.nan), x) for x in both)
     assert one.tobytes() == other.tobytes()
-
-
-@pytest.mark.parametrize('digits', [None, 50])
-def test_the_emulator_has_it_in_every_format(digits: int | None) -> None:
-    inputs = [Instruction('input', (), ((name, 0),)) for name in 'abc']
-    program = pfd.Program(
-        1,
-        (*inputs, Instruction('fma', (0, 1, 2))),
-        dict.fromkeys('abc', 1),
-        {'out': ProgramOutput((1,), ((3, 0),))},
-    )
-    a = 1 + 2.0**-30
-    values = {'a': [a], 'b': [a], 'c': [-1 - 2.0**-29]}
-    # The square of 2^-30 is all that is left, and is gone where a product is rounded first.
-    assert run_program(program, values, digits=digits)['out'][0] == mpmath.mpf(2) ** -60
-    assert a * a - 1 - 2.0**-29 == 0
 
 
 NUMBERS = (0.0, 1.0, -1.0, 2.0, -2.0, 0.5, 0.25, 3.0, -0.7)
@@ -560,18 +542,12 @@ def test_the_remainder_is_rounded_to_nearest_and_at_most_pi(
             assert abs(value) <= np.pi
 
 
-@pytest.mark.parametrize('x', [np.nan, np.inf, -np.inf])
-def test_an_angle_that_is_not_finite_becomes_nan(
-    wrapped: Callable[[float], float], x: float
+def test_an_angle_within_the_limit_stays_as_it_is_and_one_that_is_not_finite_becomes_nan(
+    wrapped: Callable[[float], float],
 ) -> None:
-    assert np.isnan(wrapped(x))
-
-
-@pytest.mark.parametrize('x', NEAR)
-def test_an_angle_within_the_limit_stays_as_it_is(
-    wrapped: Callable[[float], float], x: float
-) -> None:
-    assert np.float64(wrapped(x)).tobytes() == np.float64(x).tobytes()
+    for x in NEAR:
+        assert np.float64(wrapped(x)).tobytes() == np.float64(x).tobytes()
+    assert np.isnan([wrapped(x) for x in (np.nan, np.inf, -np.inf)]).all()
 
 
 def test_a_kernel_in_float32_computes_with_the_remainder_rounded() -> None:

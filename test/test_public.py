@@ -18,7 +18,6 @@ import warnings
 
 import numpy as np
 import pytest
-from sampling import one_fast
 from zoo import ARM, WHEEL, joint, link, random_state, urdf, without_mass
 
 import pfd_core as pfd
@@ -208,29 +207,6 @@ def test_a_wrong_argument_of_a_public_method_is_named(
 
 
 # Numbers at run time.
-
-NOT_FINITE: dict[str, Callable[[pfd.Simulator, np.ndarray], Any]] = {
-    'tau': lambda sim, x: sim.step(x),
-    'taus': lambda sim, x: sim.rollout([x, x]),
-    'q': lambda sim, x: sim.reset(q=x),
-    'qd': lambda sim, x: sim.reset(qd=x),
-}
-
-
-@pytest.mark.parametrize('value', one_fast([np.nan, np.inf, -np.inf]))
-@pytest.mark.parametrize('name', NOT_FINITE)
-def test_a_number_that_is_not_finite_is_refused_with_joint_and_index_and_the_state_stays(
-    name: str, value: float
-) -> None:
-    sim = pfd.Simulator(pfd.load_robot('ur5'))
-    sim.step(np.ones(6))
-    before = sim.q.tobytes(), sim.qd.tobytes(), sim.time, sim.status
-    bad = np.zeros(6)
-    bad[2] = value
-    index = r'\[0, 2\]' if name == 'taus' else r'\[2\]'
-    with pytest.raises(ValueError, match=rf"^{name} must be .*at index {index}, joint 'elbow_j"):
-        NOT_FINITE[name](sim, bad)
-    assert (sim.q.tobytes(), sim.qd.tobytes(), sim.time, sim.status) == before
 
 
 class Degrees(np.ndarray):

@@ -211,15 +211,30 @@ def test_a_small_velocity_of_a_held_joint_changes_the_end_of_an_implicit_step_li
 
 
 WRENCH = np.arange(6) / 7
-REFUSED: dict[str, Callable[[pfd.Simulator], Any]] = {
-    'torque': lambda s: s.step([7.0], WRENCH),
-    'no wrench': lambda s: s.step([7.0, 8.0]),
-    'wrench that is not finite': lambda s: s.step([7.0, 8.0], np.full(6, np.nan)),
-    'brakes of three': lambda s: s.step([7.0, 8.0], WRENCH + 1, brakes=[True] * 3),
-    'rollout': lambda s: s.rollout([[7.0, 8.0]], WRENCH + 1, brakes=[1, 0]),
-    'empty rollout': lambda s: s.rollout(np.zeros((0, 2)), WRENCH + 1, brakes=[1, 0]),
-    'reset to a wrong velocity': lambda s: s.reset([1.0, 2.0], [3.0], 4.0),
-    'reset to no time': lambda s: s.reset([1.0, 2.0], [3.0, 4.0], np.nan),
+NAN = np.array([0.0, np.nan])
+AT_ELBOW = r"must be .*at index \[1\], joint 'elbow'"
+REFUSED: dict[str, tuple[Callable[[pfd.Simulator], Any], str]] = {
+    'torque': (lambda s: s.step([7.0], WRENCH), 'tau must'),
+    'torque that is not finite': (lambda s: s.step(NAN, WRENCH), f'^tau {AT_ELBOW}'),
+    'torques that are not finite': (
+        lambda s: s.rollout([NAN], WRENCH),
+        r"^taus must be .*at index \[0, 1\], joint 'elbow'",
+    ),
+    'no wrench': (lambda s: s.step([7.0, 8.0]), 'the call needs wrench='),
+    'wrench that is not finite': (lambda s: s.step([7.0, 8.0], np.full(6, np.inf)), 'wrench must'),
+    'brakes of three': (
+        lambda s: s.step([7.0, 8.0], WRENCH + 1, brakes=[True] * 3),
+        'brakes must',
+    ),
+    'rollout': (lambda s: s.rollout([[7.0, 8.0]], WRENCH + 1, brakes=[1, 0]), 'brakes must'),
+    'empty rollout': (
+        lambda s: s.rollout(np.zeros((0, 2)), WRENCH + 1, brakes=[1, 0]),
+        'brakes must',
+    ),
+    'reset to a wrong velocity': (lambda s: s.reset([1.0, 2.0], [3.0], 4.0), 'qd must'),
+    'reset to no position': (lambda s: s.reset(NAN), f'^q {AT_ELBOW}'),
+    'reset to no velocity': (lambda s: s.reset([1.0, 2.0], NAN), f'^qd {AT_ELBOW}'),
+    'reset to no time': (lambda s: s.reset([1.0, 2.0], [3.0, 4.0], np.nan), 'time must'),
 }
 
 
@@ -233,8 +248,9 @@ def test_a_call_that_is_refused_leaves_everything_as_it_was(call: str) -> None:
     sim, twin = (pfd.Simulator(pfd.load_robot('planar2'), scene) for _ in range(2))
     for one in (sim, twin):
         one.step([1.0, -1.0], WRENCH, brakes=[False, True])
-    with pytest.raises(ValueError, match=r'must|the call needs wrench='):
-        REFUSED[call](sim)
+    refused, message = REFUSED[call]
+    with pytest.raises(ValueError, match=message):
+        refused(sim)
     assert facts(sim) == facts(twin)
     assert sim.rollout(np.zeros((0, 2)), 2 * WRENCH).q.shape == (0, 2)
     assert facts(sim) == facts(twin)

@@ -588,30 +588,3 @@ def test_functions_without_a_payload_as_an_input_refuse_it() -> None:
     ):
         with pytest.raises(ValueError, match=text):
             call()
-
-
-# ---- actuators and springs: nothing where they are off ---------------------------------------
-
-
-ON: dict[str, tuple[dict[str, Any], int]] = {
-    # Each joint: two comparisons of one subtraction and one selection.
-    'effort_limits': ({'effort_limits': [40.0] * 2}, 2 * 4),
-    # One joint of two has a limit.
-    'one effort limit': ({'effort_limits': [np.inf, 5.0]}, 4),
-    # The stretch of a spring, its product and its sum; a rest position of zero needs none.
-    'springs': ({'stiffness': [5.0] * 2}, 2 * 2),
-    'springs at rest elsewhere': ({'stiffness': [5.0] * 2, 'rest_position': [0.1] * 2}, 2 * 3),
-    # |qd|, tau along qd and back: 6; two rows: 3 + 1 and 2; two comparisons: 4.
-    'torque_speed': ({'torque_speed': [[(2.0, 50.0), (3.0, 0.0)]] * 2}, 2 * 16),
-}
-
-
-@pytest.mark.parametrize('effect', ON)
-def test_an_effect_that_is_on_costs_its_operations(effect: str) -> None:
-    robot = pfd.load_robot('planar2')
-    arguments, more = ON[effect]
-    bare, on = (
-        sum(pfd.compile_kernel(robot, scene=pfd.Scene(**given)).operations['folded'].values())
-        for given in ({}, arguments)
-    )
-    assert on - bare == more

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Ensembles: every arm has the bits of a single simulator, with feedback and own parameters."""
+"""Ensembles of arms that move as alone, with feedback and own parameters; cycles of motors."""
 
 from __future__ import annotations
 
@@ -153,21 +153,21 @@ def test_an_arm_that_overflows_is_reported_and_does_not_affect_the_others() -> N
     assert many.status == 'ok'
 
 
-ZEROS = np.zeros((5, 2))
+NO_TORQUES = np.zeros((5, 2))
 
 
 @pytest.mark.parametrize(
     ('options', 'message'),
     [
         ({}, 'steps is required without taus of several steps'),
-        ({'taus': ZEROS, 'steps': 4}, 'taus has 5 steps, but steps=4'),
+        ({'taus': NO_TORQUES, 'steps': 4}, 'taus has 5 steps, but steps=4'),
         ({'taus': np.zeros((4, 5, 2))}, r'taus must have shape \(3, 5, 2\) or .* got \(4, 5, 2\)'),
         (
-            {'taus': ZEROS, 'feedback': pfd.StateFeedback(np.zeros((2, 2)), 0.0)},
+            {'taus': NO_TORQUES, 'feedback': pfd.StateFeedback(np.zeros((2, 2)), 0.0)},
             r'feedback.gain must have shape .* or \(2, 4\) or \(4,\), got \(2, 2\)',
         ),
         (
-            {'taus': ZEROS, 'feedback': pfd.StateFeedback(np.nan, 0.0)},
+            {'taus': NO_TORQUES, 'feedback': pfd.StateFeedback(np.nan, 0.0)},
             'feedback.gain must be finite',
         ),
         # Numbers that wrap in 64 bits, and more memory than there is.
@@ -427,3 +427,105 @@ def test_what_takes_no_parameters_says_so() -> None:
     message = "an ensemble with parameters, needs one of the methods .* got 'pcrbm'"
     with pytest.raises(ValueError, match=message):
         pfd.Ensemble(robot, 2, method='pcrbm', parameters=given)
+
+
+# ---- control cycles of motors: MotorSimulator ----
+
+
+ROBOT = pfd.load_robot('planar2')
+
+
+ZEROS, INF = np.zeros(2), np.full(2, np.inf)
+
+
+# Largest effort, the torque-speed line, its speed; no servo, and any change of an effort.
+LIMITS = np.array([[20.0, 10.0], [20.0, 10.0], [3.0, 2.0], [3.0, 2.0], ZEROS, ZEROS, INF])
+
+
+ENDLESS = np.array([INF, INF, INF, INF, ZEROS, ZEROS, INF])
+
+
+def efforts(steps: int, size: float = 30.0) -> np.ndarray:
+    return np.random.default_rng(3).normal(scale=size, size=(steps, 2))
+
+
+@pytest.mark.parametrize(
+    'scene', [pfd.Scene(), pfd.Scene(friction=(0.3, 0.1), armature=(0.1, 0.1))]
+)
+def test_without_limits_the_steps_equal_those_of_a_simulator(scene: pfd.Scene) -> None:
+    motor, plain = pfd.MotorSimulator(ROBOT, scene), pfd.Simulator(ROBOT, scene)
+    state, counters = motor.new_state(), pfd.MotorState(np.zeros(2))
+    rows, out = efforts(200), np.empty((200, 3, 2))
+    assert motor.bind(state, counters, ENDLESS).run(rows, out) == 200
+    wanted = plain.rollout(rows)
+    for k, name in enumerate(('q', 'qd')):
+        assert out[:, k].tobytes() == getattr(wanted, name).tobytes()
+    assert out[:, 2].tobytes() == rows.tobytes()
+    assert motor.accelerations(state).tobytes() == plain.qdd.tobytes()
+    assert not counters.counts.any()
+
+
+def test_a_state_continues_in_another_scene_with_all_digits_of_its_positions() -> None:
+    motor = pfd.MotorSimulator(ROBOT)
+    same = pfd.MotorSimulator(ROBOT, pfd.Scene(friction=(0.0, 0.0), brakes=True))
+    state, out = motor.new_state((0.3, -0.2)), np.empty((2, 40, 3, 2))
+    rows, counters = efforts(80).reshape(2, 40, 2), pfd.MotorState(np.zeros(2))
+    motor.bind(state, counters, LIMITS).run(rows[0], out[0])
+    assert state.arrays['q_low'].any()
+    other = same.converted(state)
+    assert (other.start, other.steps) == (0.0, 0)
+    same.set_inputs(other)
+    for one, its in ((motor, state), (same, other)):
+        run = np.empty((40, 3, 2))
+        one.bind(its, pfd.MotorState(np.zeros(2)), LIMITS).run(rows[1], run)
+        out = np.concatenate([out, run[np.newaxis]])
+    assert out[-1].tobytes() == out[-2].tobytes()
+
+
+def test_arrays_of_another_shape_or_order_are_refused() -> None:
+    motor = pfd.MotorSimulator(ROBOT)
+    bound = motor.bind(motor.new_state(), pfd.MotorState(np.zeros(2)), ENDLESS)
+    with pytest.raises(ValueError, match=r'out must be \(3, 3, 2\) of float64, got \(3, 2\)'):
+        bound.run(efforts(3), np.empty((3, 2)))
+    with pytest.raises(ValueError, match='efforts must be C-ordered'):
+        bound.run(np.asfortranarray(efforts(3)), np.empty((3, 3, 2)))
+    with pytest.raises(ValueError, match='limits'):
+        motor.bind(motor.new_state(), pfd.MotorState(np.zeros(2)), np.zeros((3, 2)))
+
+
+def test_a_run_ends_before_the_step_whose_effort_jumps_and_has_its_own_status() -> None:
+    motor = pfd.MotorSimulator(ROBOT)
+    counters, state = pfd.MotorState(np.zeros(2)), motor.new_state()
+    limits = np.array([INF, INF, INF, INF, ZEROS, ZEROS, (5.0, 5.0)])
+    rows, out = np.cumsum(np.full((30, 2), 4.0), axis=0), np.zeros((30, 3, 2))
+    rows[20:] += 2.0
+    bound = motor.bind(state, counters, limits)
+    assert bound.run(rows, out) == 20
+    assert (counters.jumped, state.steps, state.status) == (True, 20, 'ok')
+    assert out[20, 2].tolist() == rows[20].tolist()
+    assert counters.before.tolist() == rows[19].tolist()
+    # Without an effort before, any is allowed.
+    counters.before[:] = np.nan
+    assert bound.run(rows[20:], out[20:]) == 10
+    assert not counters.jumped
+    counters.before[:] = np.nan
+    assert bound.run(np.array([(1e300, 0.0)]), out[:1]) == 0
+    assert (counters.jumped, state.status) == (False, 'not_finite')
+
+
+def test_a_braked_joint_neither_ends_a_run_nor_keeps_an_effort_for_the_next_cycle() -> None:
+    motor = pfd.MotorSimulator(ROBOT, pfd.Scene(brakes=True))
+    counters, state = pfd.MotorState(np.zeros(2)), motor.new_state()
+    limits = np.array([INF, INF, INF, INF, ZEROS, ZEROS, (5.0, 5.0)])
+    rows, out = np.array([(0.0, 0.0), (9.0, 1.0), (-9.0, 2.0)]), np.zeros((3, 3, 2))
+    motor.set_inputs(state, brakes=[True, False])
+    assert motor.bind(state, counters, limits).run(rows, out) == 3
+    assert out[:, 2].tobytes() == rows.tobytes()
+    assert np.isnan(counters.before[0])
+    assert counters.before[1] == 2.0
+    assert not state.arrays['qd'][0]
+    # Off its brake, its first effort may be any; the next one is compared with it.
+    motor.set_inputs(state, brakes=[False, False])
+    rows = np.array([(100.0, 2.0), (106.0, 2.0)])
+    assert motor.bind(state, counters, limits).run(rows, out[:2]) == 1
+    assert counters.jumped

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Robots and scenes drawn or damaged at random: refused in a line, or as their file says."""
+"""Robots and scenes, drawn or damaged at random: refused in a line, or written and read again."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ import yaml
 from zoo import FORK, ODD_ARM, ROWS, STRAIGHT_ARM, exact_angles, random_chain
 
 import pfd_core as pfd
+from pfd_core.model.robot import JOINT_FIELDS as ROBOT_JOINT_FIELDS
+from pfd_core.model.robot import LINK_FIELDS as ROBOT_LINK_FIELDS
 
 # URDF texts, and the joints to lock in them.
 FILES = (
@@ -256,3 +258,49 @@ def test_a_damaged_robot_is_refused_in_a_short_line_or_comes_back_the_same(text:
     if not refusal(pfd.load_robot, text + '\n'):
         robot = pfd.load_robot(text + '\n')
         assert pfd.load_robot(pfd.robot_to_yaml(robot)) == robot
+
+
+# ---- written as URDF ----
+
+
+# Angles and products of a few rotations, relative to numbers of about one.
+ROUNDING = 1e-14
+
+
+def known_and_random() -> list[pfd.Robot]:
+    rng = np.random.default_rng(5)
+    made = [random_chain(rng, n) for n in (1, 4, 7)]
+    # Its joints have the names that fixed ones have by default, and its base is turned.
+    turned = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    names = tuple(f'{link}_fixed' for link in (made[1].base, made[1].tip, 'a', 'b'))
+    made.append(replace(made[1], name='fixed', joint_names=names, root_rotation=turned))
+    return [*map(pfd.load_robot, pfd.known_robots()), pfd.load_robot(ODD_ARM), *made]
+
+
+@pytest.mark.filterwarnings('ignore::pfd_core.PhysicsWarning')
+@pytest.mark.parametrize('robot', known_and_random(), ids=lambda robot: f'{robot.name}-{robot.n}')
+def test_a_robot_written_as_urdf_is_read_as_the_same_robot(robot: pfd.Robot) -> None:
+    found = pfd.load_robot(pfd.robot_to_urdf(robot), base=robot.base, tip=robot.tip)
+    for key in ('name', 'joint_names', 'joint_types', 'base', 'tip'):
+        assert getattr(found, key) == getattr(robot, key)
+    for key in (*ROBOT_LINK_FIELDS, *ROBOT_JOINT_FIELDS, 'base_rotation', 'base_position'):
+        # A link without mass has no centre of mass.
+        present = robot.masses > 0 if key == 'centers' else ...
+        wanted = getattr(robot, key)[present]
+        np.testing.assert_allclose(
+            getattr(found, key)[present], wanted, rtol=ROUNDING, atol=ROUNDING, err_msg=key
+        )
+    for name, frame in robot.frames.items():
+        assert found.frames[name].link == frame.link
+        np.testing.assert_allclose(found.frames[name].rotation, frame.rotation, atol=ROUNDING)
+        np.testing.assert_allclose(
+            found.frames[name].translation, frame.translation, atol=ROUNDING
+        )
+
+
+def test_ends_of_a_continuous_joint_survive_a_urdf() -> None:
+    robot = random_chain(np.random.default_rng(2), 2, joint_types=['continuous', 'revolute'])
+    robot = replace(robot, position_lower=[-np.inf, -1.0], position_upper=[2.0, 1.0])
+    again = pfd.load_robot(pfd.robot_to_urdf(robot), base=robot.base, tip=robot.tip)
+    assert again.position_lower.tolist() == [-np.inf, -1.0]
+    assert again.position_upper.tolist() == [2.0, 1.0]

@@ -1,11 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""URDFs: as Pinocchio reads them, trees and rotors, refused by name, written and read again."""
+"""URDFs: as Pinocchio reads them; rotors, right angles, limits, and what is not read."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 import re
 
 import numpy as np
@@ -23,15 +22,12 @@ from zoo import (
     example,
     joint,
     link,
-    random_chain,
     urdf,
 )
 
 import pfd_core as pfd
 from pfd_core.machine.emulator import run as run_program
 from pfd_core.model.plant import resolve as resolve_plant
-from pfd_core.model.robot import JOINT_FIELDS as ROBOT_JOINT_FIELDS
-from pfd_core.model.robot import LINK_FIELDS as ROBOT_LINK_FIELDS
 
 
 def assert_same_frames(robot: pfd.Robot, text: str, locked: Mapping[str, float]) -> None:
@@ -604,46 +600,3 @@ def test_misspelt_names_are_named_in_one_warning_at_the_line_that_loads() -> Non
     for place in ('<origin> xzy=', '<dynamics> Friction=', '<transmision>'):
         assert place in str(warning.message)
     assert warning.filename == __file__
-
-
-# Angles and products of a few rotations, relative to numbers of about one.
-ROUNDING = 1e-14
-
-
-def robots() -> list[pfd.Robot]:
-    rng = np.random.default_rng(5)
-    made = [random_chain(rng, n) for n in (1, 4, 7)]
-    # Its joints have the names that fixed ones have by default, and its base is turned.
-    turned = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    names = tuple(f'{link}_fixed' for link in (made[1].base, made[1].tip, 'a', 'b'))
-    made.append(replace(made[1], name='fixed', joint_names=names, root_rotation=turned))
-    return [*map(pfd.load_robot, pfd.known_robots()), pfd.load_robot(ODD_ARM), *made]
-
-
-@pytest.mark.filterwarnings('ignore::pfd_core.PhysicsWarning')
-@pytest.mark.parametrize('robot', robots(), ids=lambda robot: f'{robot.name}-{robot.n}')
-def test_a_robot_written_as_urdf_is_read_as_the_same_robot(robot: pfd.Robot) -> None:
-    found = pfd.load_robot(pfd.robot_to_urdf(robot), base=robot.base, tip=robot.tip)
-    for key in ('name', 'joint_names', 'joint_types', 'base', 'tip'):
-        assert getattr(found, key) == getattr(robot, key)
-    for key in (*ROBOT_LINK_FIELDS, *ROBOT_JOINT_FIELDS, 'base_rotation', 'base_position'):
-        # A link without mass has no centre of mass.
-        present = robot.masses > 0 if key == 'centers' else ...
-        wanted = getattr(robot, key)[present]
-        np.testing.assert_allclose(
-            getattr(found, key)[present], wanted, rtol=ROUNDING, atol=ROUNDING, err_msg=key
-        )
-    for name, frame in robot.frames.items():
-        assert found.frames[name].link == frame.link
-        np.testing.assert_allclose(found.frames[name].rotation, frame.rotation, atol=ROUNDING)
-        np.testing.assert_allclose(
-            found.frames[name].translation, frame.translation, atol=ROUNDING
-        )
-
-
-def test_ends_of_a_continuous_joint_survive_a_urdf() -> None:
-    robot = random_chain(np.random.default_rng(2), 2, joint_types=['continuous', 'revolute'])
-    robot = replace(robot, position_lower=[-np.inf, -1.0], position_upper=[2.0, 1.0])
-    again = pfd.load_robot(pfd.robot_to_urdf(robot), base=robot.base, tip=robot.tip)
-    assert again.position_lower.tolist() == [-np.inf, -1.0]
-    assert again.position_upper.tolist() == [2.0, 1.0]

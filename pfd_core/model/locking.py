@@ -154,12 +154,7 @@ def locked_positions(
         # A pattern that matches a joint and its leader is no position of the follower.
         if positions.get(name) is not None or name not in rules or rules[name].leader not in found
     }
-    while followers := {
-        name: rule.at(at[rule.leader])
-        for name, rule in rules.items()
-        if name not in at and rule.leader in at
-    }:
-        at |= followers
+    at = with_followers(at, movable)
     for name, position in at.items():
         rule, (lower, upper) = rules.get(name), movable[name].bounds
         # A follower may be out of its limits where its leader puts it.
@@ -170,6 +165,19 @@ def locked_positions(
                 f'{upper}'
             )
     return at
+
+
+def with_followers(positions: Mapping[str, float], joints: Mapping[str, Any]) -> dict[str, float]:
+    """Return positions [rad, m] by joint, and those of joints that follow them, as Lockable."""
+    rules = {name: joint.mimic for name, joint in joints.items() if joint.mimic is not None}
+    found = dict(positions)
+    while followers := {
+        name: rule.at(found[rule.leader])
+        for name, rule in rules.items()
+        if name not in found and rule.leader in found
+    }:
+        found |= followers
+    return found
 
 
 def next_to_zero(lower: float, upper: float) -> float:

@@ -19,6 +19,7 @@ from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 from pfd_core.model.geometry import angles_of_quaternion
+from pfd_core.model.locking import with_followers
 from pfd_core.model.robot import JOINT_TYPES, known_limits
 from pfd_core.model.urdf_rotors import ROTORS, TRANSMISSIONS, armature_of, type_of, values_in
 from pfd_core.model.urdf_xml import (
@@ -156,6 +157,12 @@ class Urdf:
     def place(self) -> Place:
         """The source, as the start of an error."""
         return Place(self.source, 0)
+
+    def with_followers(self, positions: Mapping[str, float]) -> dict[str, float]:
+        """Return positions [rad, m] by joint, and those of the joints that mimic them."""
+        return with_followers(
+            positions, {name: j for name, j in self.joints.items() if j.kind in JOINT_TYPES}
+        )
 
 
 def parse_urdf(text: str, source: str = 'URDF text', lines: bool = True) -> Urdf:

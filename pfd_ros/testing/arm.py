@@ -49,6 +49,7 @@ from pfd_ros.testing.loop import (
     seconds_of,
 )
 from pfd_ros.testing.patience import PATIENCE_SECONDS, START_PATIENCE_SECONDS
+from pfd_ros.testing.process import plain
 from pfd_ros.testing.trajectory import Trajectory
 from pfd_ros.text import cut, did_you_mean
 
@@ -316,7 +317,7 @@ class LockstepArm:
     def set(self, **values: Any) -> None:
         """Change dynamic settings from the next step on; ValueError if one is invalid."""
         _check_names(values)
-        plain = {name: _plain(value) for name, value in values.items()}
+        plain = {name: plain(value) for name, value in values.items()}
         self._demand(events.PARAMETERS, encode_changes(plain))
 
     def save(self) -> State:
@@ -375,7 +376,7 @@ def _described(robot: Any, given: Mapping[str, Any]) -> DescribedRobot:
         if plain.get(name, value) != value:
             raise ValueError(f'{name} is {plain[name]!r}, expected {value!r} in tests')
     name = robot.name if isinstance(robot, pfd.Robot) else os.fspath(robot)
-    values = {field: _plain(value) for field, value in plain.items()}
+    values = {field: plain(value) for field, value in plain.items()}
     settings = Settings.from_values({**values, **FIXED, 'robot': name})
     if 'start_time' not in plain:
         # Zero means 'no time' to ROS.
@@ -407,15 +408,6 @@ def _check_names(names: Collection[str]) -> None:
             if owners:
                 hint = f'it is an argument of {" and ".join(owners)}'
             raise ValueError(f'unknown setting {cut(name)!r}: {hint}')
-
-
-def _plain(value: Any) -> Any:
-    """Return a value of a setting as JSON has it: paths and scenes as text, arrays as lists."""
-    if isinstance(value, pfd.Scene):
-        return pfd.scene_to_yaml(value)
-    if isinstance(value, os.PathLike):
-        return os.fspath(value)
-    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
 def _by_joint(names: Sequence[str], label: str, values: JointValues) -> Array:

@@ -17,8 +17,10 @@ import tempfile
 import time
 from typing import Any
 
+import numpy as np
 import yaml
 
+import pfd_core as pfd
 from pfd_ros.arm.settings import FIELDS
 from pfd_ros.testing.domains import environment_to_kill
 
@@ -147,6 +149,17 @@ class ControllerProcess(ChildProcess):
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
+def plain(value: Any) -> Any:
+    """Return a value of a setting as JSON has it: paths and scenes as text, arrays as lists."""
+    if isinstance(value, pfd.Scene):
+        return pfd.scene_to_yaml(value)
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if isinstance(value, Mapping):
+        return {joint: plain(number) for joint, number in value.items()}
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
 class NodeProcessError(Exception):
     """The node failed; the message has the end of its output."""
 
@@ -155,17 +168,21 @@ class NodeProcess(ControllerProcess):
     """The node `sim_arm` as a running process, which is to end with status 0.
 
     `parameters` are by name, or by field of the settings: `noise.velocity` or `noise_velocity`;
-    those of single joints may be a mapping. `ros_args` are as on a command line after --ros-args.
+    those of single joints may be a mapping, and values paths, arrays or a Scene. `ros_args` are as
+    on a command line after --ros-args.
     """
 
     def __init__(self, parameters: Mapping[str, Any], ros_args: Sequence[str] = ()) -> None:
         names = {row.field: row.name for row in FIELDS}
-        chosen = {names.get(name, name): value for name, value in parameters.items()}
+        chosen = {names.get(name, name): plain(value) for name, value in parameters.items()}
         self._ros_args = ['--ros-args', *ros_args]
         # Whether `wait` has raised its error.
         self._failed = False
         folder = tempfile.mkdtemp(prefix='pfd_ros_')
         file = Path(folder, 'parameters.yaml')
+        if isinstance(parameters.get('scene'), pfd.Scene):  # the node reads a file
+            chosen['scene'] = os.path.join(folder, 'scene.yaml')
+            parameters['scene'].save(chosen['scene'])
         file.write_text(yaml.safe_dump({'/**': {'ros__parameters': chosen}}), encoding='utf-8')
         command = [sys.executable, '-m', 'pfd_ros.node.main', *self._ros_args]
         super().__init__([*command, '--params-file', file], folder)

@@ -8,8 +8,6 @@ not answered: so does a controller manager whose hardware has not seen the newes
 
 from __future__ import annotations
 
-import sys
-
 from builtin_interfaces.msg import Time
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
@@ -18,13 +16,14 @@ from sensor_msgs.msg import JointState
 
 STIFFNESS, DAMPING = 50.0, 5.0
 
-if __name__ == '__main__':
+
+def main(args: list[str]) -> int:
     rclpy.init()
     node = rclpy.create_node('answering')
     publisher = node.create_publisher(JointState, 'joint_commands', 1)
     answered: list[int] = []
     seen: list[Time] = []
-    lagging = sys.argv[1:] == ['lagging']
+    lagging = args == ['lagging']
 
     def on_state(state: JointState) -> None:
         again = seen[-1:] == [state.header.stamp]
@@ -46,3 +45,4 @@ if __name__ == '__main__':
     executor = EventsExecutor()
     executor.add_node(node)
     executor.spin_until_future_complete(Future(), 1e8)
+    return 0

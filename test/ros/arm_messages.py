@@ -7,6 +7,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+
+import pfd_core as pfd
 from pfd_ros.arm.description import load_robot as load_arm_robot
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Message as ArmMessage
@@ -60,6 +63,19 @@ def states(engine: Engine, *messages: ArmMessage, cycles: int = 1) -> list[Joint
     for k in range(cycles):
         produced, _ = engine.step(messages if k == 0 else ())
         found += [decode_joints(data) for role, data, _ in produced if role == 'joint_states']
+    return found
+
+
+def taus(engine: Engine, cycles: int, *messages: ArmMessage) -> list[list[float]]:
+    """Return the efforts of the next cycles."""
+    return [each.effort.tolist() for each in states(engine, *messages, cycles=cycles)]
+
+
+def told(engine: Engine, *messages: ArmMessage, cycles: int = 1) -> dict[str, bytes]:
+    """Run some cycles, the messages before the first; return the last message of each role."""
+    found: dict[str, bytes] = {}
+    for k in range(cycles):
+        found |= {m.role: m.data for m in engine.step(messages if k == 0 else ())[0]}
     return found
 
 
@@ -147,3 +163,22 @@ def decode_array(data: bytes) -> LabelledArray:
     found = Decoder(FLOAT_ARRAY_TYPE).decode(data)
     labels, sizes = found['layout.dim.label'], found['layout.dim.size']
     return LabelledArray(tuple(labels), tuple(sizes), found['data'])
+
+
+def same(one: Any, other: Any) -> bool:
+    """Return whether two states have the same bits, but for what was refused."""
+    fields = {name: value for name, value in vars(one).items() if name != 'refused'}
+    return all(bits(value) == bits(vars(other)[name]) for name, value in fields.items())
+
+
+def bits(value: Any) -> Any:
+    """Return a value of a state as one that can be compared."""
+    if isinstance(value, np.ndarray):
+        return value.tobytes()
+    if isinstance(value, pfd.SimulationState):
+        return {name: array.tobytes() for name, array in value.arrays.items()}, value.status
+    if isinstance(value, pfd.MotorState):
+        return [array.tobytes() for array in (value.peaks, value.before, value.counts)]
+    if isinstance(value, list | tuple):
+        return [bits(each) for each in value]
+    return repr(value)

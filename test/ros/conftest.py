@@ -10,6 +10,7 @@ from pathlib import Path
 import signal
 from typing import Any
 
+from devtools import Page, opened
 from plugin_sessions import install
 import pytest
 from ros_processes import HAS_ROS, Peer, Processes
@@ -22,9 +23,16 @@ from pfd_ros.testing.domains import claimed_domain, initialised
 REAL_ARMS = 'PFD_REAL_ARM_LOGS'
 
 
+# Fixtures of tests that start nodes.
+STARTS_NODES = {'processes', 'peer_of', 'domain', 'ros_domain'}
+
+
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Without ROS, leave out what starts nodes."""
+    """Mark what starts nodes, and leave it out without ROS."""
     for item in items:
+        if STARTS_NODES & {*getattr(item, 'fixturenames', ())}:
+            item.add_marker('ros')
         if item.get_closest_marker('ros') is not None and not HAS_ROS:
             item.add_marker(pytest.mark.skip(reason='rclpy is not installed'))
 
@@ -41,10 +49,17 @@ def signals_as_before() -> Iterator[None]:
 
 
 @pytest.fixture
-def processes(tmp_path: Path) -> Iterator[Processes]:
+def programs(tmp_path: Path) -> Iterator[Processes]:
+    """Return what starts processes, ROS or not."""
     found = Processes(tmp_path)
     yield found
     found.close()
+
+
+@pytest.fixture
+def processes(programs: Processes) -> Processes:
+    """Return what starts processes with nodes."""
+    return programs
 
 
 @pytest.fixture
@@ -85,6 +100,13 @@ def page_server() -> Iterator[Any]:
 
     with view_page(0, 'test') as server:
         yield server
+
+
+@pytest.fixture(scope='session')
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    """Return the page of one browser."""
+    with opened(tmp_path_factory.mktemp('browser')) as page:
+        yield page
 
 
 @pytest.fixture

@@ -36,6 +36,7 @@ OPTIONS = (
     '--disable-background-networking',
     '--hide-scrollbars',
     '--remote-debugging-port=0',
+    '--window-size=1440,900',
 )
 
 
@@ -78,6 +79,20 @@ class Page:
         elif method == 'Runtime.consoleAPICalled' and values['type'] in ('error', 'assert'):
             self.console.append(json.dumps(values['args'])[:500])
 
+    @contextmanager
+    def shows(self, url: str, size: tuple[int, int] = (1440, 900)) -> Iterator[Page]:
+        """Go to a page, in a window of this size; there are no errors in the end."""
+        width, height = size
+        metrics = {'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': False}
+        self.call('Emulation.setDeviceMetricsOverride', **metrics)
+        self.call('Page.navigate', url=url)
+        self.console.clear()
+        try:
+            yield self
+            assert self.console == []
+        finally:
+            self.call('Page.navigate', url='about:blank')
+
     def value(self, expression: str) -> Any:
         """Return the value of an expression in the page."""
         result = self.call('Runtime.evaluate', expression=expression, returnByValue=True)
@@ -96,15 +111,14 @@ def red(shown: Page) -> float:
 
 
 @contextmanager
-def opened(url: str, folder: Path, size: tuple[int, int] = (1440, 900)) -> Iterator[Page]:
-    """Open a page in a new browser without a network, which ends with the block."""
+def opened(folder: Path) -> Iterator[Page]:
+    """Open a new browser without a network, which ends with the block."""
     assert BROWSER is not None
     sandbox = ['--no-sandbox'] if os.geteuid() == 0 else []
     # Names other than this computer's are not found.
     offline = '--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1'
-    window = f'--window-size={size[0]},{size[1]}'
     profile = f'--user-data-dir={folder}'
-    command = [BROWSER, *OPTIONS, *sandbox, offline, window, profile, 'about:blank']
+    command = [BROWSER, *OPTIONS, *sandbox, offline, profile, 'about:blank']
     browser = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         port = _port(folder / 'DevToolsActivePort')
@@ -113,7 +127,6 @@ def opened(url: str, folder: Path, size: tuple[int, int] = (1440, 900)) -> Itera
         with connect(target['webSocketDebuggerUrl'], max_size=None) as socket:
             page = Page(socket)
             page.call('Runtime.enable')
-            page.call('Page.navigate', url=url)
             yield page
     finally:
         browser.terminate()

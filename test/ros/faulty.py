@@ -12,8 +12,21 @@ import sys
 import threading
 import time
 from types import ModuleType
+from typing import Any
 
-from forked_process import put
+
+def failing(error: type[Exception], *_: Any) -> None:
+    """Raise an error: what a partial function of it replaces has a bug."""
+    raise error('a bug')
+
+
+def put(path: str, value: object) -> Any:
+    """Replace what a dotted path names for the rest of this process; return what was there."""
+    owner, _, name = path.rpartition('.')
+    place = resolve_name(owner)
+    before = getattr(place, name)
+    setattr(place, name, value)
+    return before
 
 
 class FaultyExecutor:
@@ -105,6 +118,13 @@ def fail_first(name: str, error: str) -> None:
         return real(*args, **named)
 
     real = put(f'pfd_ros.node.{name}', called)
+
+
+def fail_at_first() -> None:
+    fail_first('parameters.refuse_unknown', 'no parameters')
+    fail_first('parameters.setter', 'no setter')
+    fail_first('lifecycle.introduce', 'no introduction')
+    fail_first('sim_arm.SimArm.start', 'no start')
 
 
 def at_cycle(cycle: int, fault) -> None:
@@ -228,10 +248,7 @@ FAULTS = {
     'configuring_fails': lambda: configure(fail),
     'configuring_lasts': lambda: configure(lambda: time.sleep(1.0)),
     'configuring_hangs': lambda: configure(hang_in_c, 1),
-    'first_start_fails': lambda: fail_first('sim_arm.SimArm.start', "can't start new thread"),
-    'first_reading_fails': lambda: fail_first('parameters.refuse_unknown', 'no parameters'),
-    'first_setter_fails': lambda: fail_first('parameters.setter', 'no setter'),
-    'first_introduction_fails': lambda: fail_first('lifecycle.introduce', 'no introduction'),
+    'starts_fail': fail_at_first,
     'preparing_lasts': prepare_slowly,
     'reporting_fails': lambda: put('pfd_ros.node.lifecycle.report_arm', fail),
     'requests_fail': lambda: put('pfd_ros.node.services.encode_request', fail),

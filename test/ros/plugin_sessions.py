@@ -10,35 +10,31 @@ from pathlib import Path
 import subprocess
 import sys
 
-from forked_process import ForkedProcess, Job
 import pytest
-from ros_processes import PATIENCE, ROOT
+from ros_processes import PATIENCE, ROOT, ForkedProcess, Job
+
+QUIET = ('-q', '-p', 'no:cacheprovider', '-W', 'error')
 
 
 def install(folder: Path) -> None:
     """Describe this package in a folder as pip would, entry point included."""
     command = [sys.executable, 'setup.py', '-q', 'egg_info', '--egg-base', str(folder)]
-    subprocess.run(command, cwd=ROOT, check=True, capture_output=True, timeout=120)
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True, timeout=PATIENCE)
 
 
 def session(
-    site: Path, folder: Path, code: str, options: Sequence[str] = (), status: int = 0
+    site: Path, folder: Path, code: str = '', options: Sequence[str] = (), status: int = 0
 ) -> str:
-    """Run pytest on the code of one test file in a new process; return its output."""
-    (folder / 'test_it.py').write_text(code, encoding='utf-8')
-    return run(site, folder, options, status)
+    """Run pytest on a folder, with a test file of this code; return its output.
 
-
-def forked_session(
-    site: Path, folder: Path, code: str, options: Sequence[str] = (), status: int = 0
-) -> str:
-    """Run pytest as `session` does, in a process that need not import this package."""
-    (folder / 'test_it.py').write_text(code, encoding='utf-8')
+    The process is a fork, which need not import this package.
+    """
+    if code:
+        (folder / 'test_it.py').write_text(code, encoding='utf-8')
     output = folder / 'output.txt'
     env = {**os.environ, 'PYTEST_ADDOPTS': ''}
     job = Job('plugin_sessions', [str(site), *options, str(folder)], output, env, folder, {})
-    found = ForkedProcess(job).wait(PATIENCE)
-    text = output.read_text(encoding='utf-8')
+    found, text = ForkedProcess(job).wait(), output.read_text(encoding='utf-8')
     assert found == status, text
     return text
 
@@ -46,23 +42,22 @@ def forked_session(
 def main(args: list[str]) -> int:
     """Run pytest in a forked process."""
     site, *rest = args
-    sys.path.insert(0, site)
+    sys.path[:0] = [site, str(Path.cwd())]
     # The plugin has been imported, and its assertions are not rewritten.
-    imported = 'ignore::pytest.PytestAssertRewriteWarning'
-    return int(pytest.main(['-q', '-p', 'no:cacheprovider', '-W', 'error', '-W', imported, *rest]))
+    return int(pytest.main([*QUIET, '-W', 'ignore::pytest.PytestAssertRewriteWarning', *rest]))
 
 
-def run(site: Path, folder: Path, options: Sequence[str] = (), status: int = 0) -> str:
-    """Run pytest on a folder where the package is installed, warnings as errors."""
+def fresh_session(site: Path, folder: Path, code: str, options: Sequence[str], status: int) -> str:
+    """Run pytest as `session` does, in a process that has imported nothing before."""
+    (folder / 'test_it.py').write_text(code, encoding='utf-8')
     path = os.pathsep.join([str(site), str(ROOT), str(folder)])
-    command = (sys.executable, '-W', 'error', '-m', 'pytest', '-q', '-p', 'no:cacheprovider')
     done = subprocess.run(
-        [*command, *options, str(folder)],
+        [sys.executable, '-W', 'error', '-m', 'pytest', *QUIET, *options, str(folder)],
         cwd=folder,
         env={**os.environ, 'PYTHONPATH': path, 'PYTEST_ADDOPTS': ''},
         capture_output=True,
         text=True,
-        timeout=200,
+        timeout=PATIENCE,
         check=False,
     )
     assert done.returncode == status, done.stdout + done.stderr

@@ -6,8 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+import ctypes
+from dataclasses import dataclass
+from importlib import import_module
 import importlib.util
 import itertools
+import multiprocessing
 import os
 from pathlib import Path
 import shutil
@@ -18,7 +22,7 @@ import threading
 import time
 from typing import Any
 
-from forked_process import ForkedProcess, Job
+from faulty import put
 import pytest
 
 import pfd_core as pfd
@@ -99,6 +103,16 @@ def environment(domain: int) -> dict[str, str]:
     }
 
 
+def with_flags(*words: str) -> list[str]:
+    """Return arguments for ROS, with -p before each parameter that follows no flag."""
+    found: list[str] = []
+    for word in words:
+        if ':=' in word and found[-1:] not in (['-p'], ['-r']):
+            found.append('-p')
+        found.append(word)
+    return found
+
+
 class Process:
     """A process of ours and its output.
 
@@ -170,7 +184,9 @@ class Processes:
         return self.folder / f'output_{time.monotonic_ns()}.txt'
 
     def arm(self, *ros_args: str, ready: bool = True) -> Process:
-        """Start a node; with `ready`, return once it steps."""
+        """Start a node, by parameters name:=value and other arguments for ROS; with `ready`,
+        return once it steps.
+        """
         return self._node('pfd_ros.node.main', (), ros_args, ready)
 
     def faulty(self, fault: str, *ros_args: str, ready: bool = True) -> Process:
@@ -181,8 +197,8 @@ class Processes:
         self, module: str, args: Sequence[str], ros_args: Sequence[str], ready: bool
     ) -> Process:
         # States tell the efforts that were sent, however fast a free joint turns by then.
-        settings = ('--ros-args', '-p', 'torque_speed:=false', *ros_args)
-        process = self.forked(module, *args, *settings)
+        words = with_flags('torque_speed:=false', *ros_args)
+        process = self.forked(module, *args, '--ros-args', *words)
         if ready:
             process.wait_for_text('until its first command')
         return process
@@ -347,3 +363,76 @@ def description_publisher(
 
     publisher = peer.node.create_publisher(String, 'robot_description', qos(durability))
     return lambda text: publisher.publish(String(data=text))
+
+
+_FORKS = multiprocessing.get_context('forkserver')
+_FORKS.set_forkserver_preload(['pfd_ros.node.process', 'pfd_ros.cli.logs', 'pytest', __name__])
+PR_SET_PDEATHSIG = 1
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a forked process runs.
+
+    Attributes
+    ----------
+    module, args
+        Whose function `main` returns the exit status, and its arguments.
+    output
+        A file for its stdout and stderr.
+    env, cwd
+        As for subprocess.Popen.
+    replaced
+        Dotted path -> what the process has in its place: a value that can be pickled.
+    """
+
+    module: str
+    args: Sequence[str]
+    output: Path
+    env: Mapping[str, str]
+    cwd: Path
+    replaced: Mapping[str, Any]
+
+
+class ForkedProcess:
+    """A process that runs a job, with the methods of subprocess.Popen."""
+
+    def __init__(self, job: Job) -> None:
+        self._process = _FORKS.Process(target=_run, args=(job,))
+        self._process.start()
+        self.pid = self._process.pid
+
+    @property
+    def returncode(self) -> int | None:
+        return self._process.exitcode
+
+    def poll(self) -> int | None:
+        return self._process.exitcode
+
+    def wait(self, seconds: float = PATIENCE) -> int:
+        self._process.join(seconds)
+        if self.returncode is None:
+            raise subprocess.TimeoutExpired(self._process.name, seconds)
+        return self.returncode
+
+    def send_signal(self, number: int) -> None:
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        self.send_signal(signal.SIGKILL)
+
+
+def _run(job: Job) -> None:
+    if sys.platform == 'linux':
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, int(signal.SIGTERM))
+    os.setsid()
+    os.chdir(job.cwd)
+    os.environ.clear()
+    os.environ.update(job.env)
+    with job.output.open('ab') as stream:
+        os.dup2(stream.fileno(), 1)
+        os.dup2(stream.fileno(), 2)
+    for name, value in job.replaced.items():
+        put(name, value)
+    sys.exit(import_module(job.module).main(list(job.args)))

@@ -283,7 +283,7 @@ FEWER = settings(max_examples=settings().max_examples // 2, stateful_step_count=
 
 # Smaller failing sequences are looked for during minutes.
 @pytest.mark.timeout(900)
-def test_any_sequence_of_messages_and_cycles_moves_the_arm_as_the_model_says() -> None:
+def test_any_sequence_of_messages_and_cycles_moves_the_arm_as_the_model_says():
     run_state_machine_as_test(CommandedArm, settings=FEWER)
 
 
@@ -356,7 +356,7 @@ def whole() -> tuple[list[list[ArmMessage]], list[bytes]]:
     return found, saved
 
 
-def test_a_fresh_arm_continues_a_saved_run_with_the_same_bits(whole) -> None:
+def test_a_fresh_arm_continues_a_saved_run_with_the_same_bits(whole):
     found, saved = whole
     # Recording, pace and start may be others.
     engine = made(**RICH, start_time=5.0, real_time_factor=0.5, recording='a.mcap')
@@ -369,7 +369,7 @@ def test_a_fresh_arm_continues_a_saved_run_with_the_same_bits(whole) -> None:
         assert pickle.dumps(again) == pickle.dumps(state) == pickle.dumps(pickle.loads(saved[k]))
 
 
-def test_a_state_of_another_arm_is_refused() -> None:
+def test_a_state_of_another_arm_is_refused():
     engine = made()
     before = engine.state
     for other, reason in (
@@ -438,9 +438,7 @@ ANYTHING = st.one_of(
     st.dictionaries(st.integers(1, 80), st.lists(ANYTHING, min_size=1, max_size=3), min_size=5),
     GIVEN,
 )
-def test_any_messages_leave_a_finite_arm_and_a_run_that_replays(
-    events: dict[int, list[ArmMessage]], chosen: dict[str, Any]
-) -> None:
+def test_any_messages_leave_a_finite_arm_and_a_run_that_replays(events, chosen):
     engine, found = made(**chosen), []
     for k in range(1, 101):
         found += engine.step(events.get(k, ()))[0]
@@ -454,12 +452,12 @@ def test_any_messages_leave_a_finite_arm_and_a_run_that_replays(
             assert (np.abs(shown.effort) <= limits).all()
 
 
-def test_changes_prepared_on_threads_while_the_arm_runs_leave_its_bits_alone() -> None:
+def test_changes_prepared_on_threads_while_the_arm_runs_leave_its_bits_alone():
     engine, alone = made(**RICH), made(**RICH)
     bodies = [payload(TIP, 0.1 * k) for k in range(8)]
     stopped = threading.Event()
 
-    def prepare() -> None:
+    def prepare():
         while not stopped.is_set():
             for body in bodies:
                 engine.prepare(body.role, body.data)

@@ -211,9 +211,7 @@ WITH_ROS: dict[str, tuple[int, str, str]] = {
 @pytest.mark.parametrize(
     'words', [*LOGS, *(pytest.param(words, marks=pytest.mark.ros) for words in WITH_ROS)]
 )
-def test_a_command_says_what_it_read_and_its_status_is_true(
-    words: str, logs, tmp_path, monkeypatch
-) -> None:
+def test_a_command_says_what_it_read_and_its_status_is_true(words, logs, tmp_path, monkeypatch):
     status, printed, error = (LOGS | WITH_ROS)[words]
     for path in logs.iterdir():
         shutil.copy(path, tmp_path / path.name)
@@ -239,8 +237,8 @@ def test_a_command_says_what_it_read_and_its_status_is_true(
     ],
 )
 def test_json_is_one_object_and_the_new_log_lies_in_the_current_folder(
-    words: str, keys: set[str], logs, tmp_path, monkeypatch
-) -> None:
+    words, keys, logs, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     found = command(
         *words.replace('whole', f'{logs}/whole').replace('other', f'{logs}/other').split()
@@ -259,7 +257,7 @@ def test_json_is_one_object_and_the_new_log_lies_in_the_current_folder(
         'replay LOG --what-if payload.mass=1 --out here',
     ],
 )
-def test_no_command_writes_over_a_file(words: str, logs, tmp_path) -> None:
+def test_no_command_writes_over_a_file(words, logs, tmp_path):
     here = tmp_path / 'here'
     here.write_text('mine')
     done = command(*words.replace('LOG', f'{logs}/whole.mcap').replace('here', str(here)).split())
@@ -277,9 +275,7 @@ def test_no_command_writes_over_a_file(words: str, logs, tmp_path) -> None:
         ('report scene --trajectory LOG --tolerance 1e-3', 'scene{}.yaml'),
     ],
 )
-def test_files_with_a_default_name_are_numbered(
-    words: str, name: str, logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_files_with_a_default_name_are_numbered(words, name, logs, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for _ in range(3):
         assert command(*words.replace('LOG', f'{logs}/whole.mcap').split())[0] == 0
@@ -305,9 +301,7 @@ ESCAPE = '\x1b]0;title\x07\x1b[2J'
         'LOG',
     ],
 )
-def test_escapes_of_a_terminal_in_names_are_printed_as_text(
-    words: str, logs, tmp_path, monkeypatch
-) -> None:
+def test_escapes_of_a_terminal_in_names_are_printed_as_text(words, logs, tmp_path, monkeypatch):
     name = f'{ESCAPE}.mcap'
     shutil.copy(logs / 'whole.mcap', tmp_path / name)
     monkeypatch.chdir(tmp_path)
@@ -330,7 +324,7 @@ send | send topic | robots more | info a --ros-args -p b:=c
 
 
 @pytest.mark.parametrize('words', ['', *map(str.strip, SENSELESS.split('|'))])
-def test_a_command_that_makes_no_sense_is_one_line_and_status_2(words: str) -> None:
+def test_a_command_that_makes_no_sense_is_one_line_and_status_2(words):
     status, printed, error = command(*words.split())
     assert (status, printed) == (2, '')
     assert re.fullmatch(r'pfd\b.*\n', error)
@@ -346,10 +340,8 @@ def test_a_command_that_makes_no_sense_is_one_line_and_status_2(words: str) -> N
         ),
     ],
 )
-def test_ctrl_c_and_long_errors_are_no_traceback_and_one_line(
-    error: BaseException, status: int, printed: str, monkeypatch
-) -> None:
-    def fail(_: object) -> int:
+def test_ctrl_c_and_long_errors_are_no_traceback_and_one_line(error, status, printed, monkeypatch):
+    def fail(_):
         raise error
 
     monkeypatch.setitem(SMALL_COMMANDS, 'robots', SMALL_COMMANDS['robots']._replace(run=fail))
@@ -359,7 +351,7 @@ def test_ctrl_c_and_long_errors_are_no_traceback_and_one_line(
 
 
 @pytest.mark.parametrize('words', ['robots', 'info --help'])
-def test_a_reader_that_ends_first_ends_a_command_quietly(words: str) -> None:
+def test_a_reader_that_ends_first_ends_a_command_quietly(words):
     reading, writing = os.pipe()
     os.close(reading)
     try:
@@ -369,7 +361,7 @@ def test_a_reader_that_ends_first_ends_a_command_quietly(words: str) -> None:
     assert (done.returncode, done.stderr) == (CLOSED_PIPE, '')
 
 
-def test_names_that_a_terminal_cannot_show_are_escaped(logs, tmp_path) -> None:
+def test_names_that_a_terminal_cannot_show_are_escaped(logs, tmp_path):
     name = 'é☃' + os.fsdecode(b'\xff.mcap')
     shutil.copy(logs / 'whole.mcap', tmp_path / name)
     done = process('info', name, cwd=tmp_path, PYTHONIOENCODING='ascii')
@@ -378,7 +370,7 @@ def test_names_that_a_terminal_cannot_show_are_escaped(logs, tmp_path) -> None:
 
 
 @pytest.mark.skipif(not Path('/dev/full').exists(), reason='no /dev/full')
-def test_a_full_disk_is_one_line(logs) -> None:
+def test_a_full_disk_is_one_line(logs):
     with open('/dev/full', 'w') as full:
         done = process('info', f'{logs}/whole.mcap', stdout=full)
     assert done.returncode == 1
@@ -422,8 +414,8 @@ WITHOUT = (
     ],
 )
 def test_without_a_package_the_commands_that_need_it_say_how_to_get_it(
-    absent: str, words: str, extra: str, logs, tmp_path
-) -> None:
+    absent, words, extra, logs, tmp_path
+):
     given = words.format(logs / 'whole.mcap').split()
     done = process(absent, *given, cwd=tmp_path, program=('-c', WITHOUT))
     assert done.returncode == int(bool(extra))
@@ -431,7 +423,7 @@ def test_without_a_package_the_commands_that_need_it_say_how_to_get_it(
     assert 'Traceback' not in done.stderr
 
 
-def test_without_metadata_an_extra_is_one_of_the_folder_with_the_sources(monkeypatch) -> None:
+def test_without_metadata_an_extra_is_one_of_the_folder_with_the_sources(monkeypatch):
     monkeypatch.setattr('pfd_ros.extras.PACKAGE', 'a-package-that-nobody-has')
     folder = Path(doctor.__file__).resolve().parents[2]
     assert installed(install('view')) == [f'{folder}[view]']
@@ -444,7 +436,7 @@ def test_without_metadata_an_extra_is_one_of_the_folder_with_the_sources(monkeyp
         ('--help', ['rclpy', 'viser', 'trimesh', 'matplotlib', 'mcap']),
     ],
 )
-def test_a_command_imports_what_it_needs(words: str, absent: list[str]) -> None:
+def test_a_command_imports_what_it_needs(words, absent):
     program = (
         'import sys\nfrom pfd_ros.cli.main import main\n'
         'try:\n    main(sys.argv[1:])\nexcept SystemExit:\n    pass\n'
@@ -457,7 +449,7 @@ def test_a_command_imports_what_it_needs(words: str, absent: list[str]) -> None:
 
 
 @pytest.mark.parametrize('name', PFD_COMMANDS)
-def test_the_help_of_a_command_has_an_example_that_its_parser_accepts(name: str) -> None:
+def test_the_help_of_a_command_has_an_example_that_its_parser_accepts(name):
     status, printed, _ = command(name, '--help')
     assert status == 0
     last = printed.rstrip().splitlines()[-1]
@@ -476,7 +468,7 @@ printf '%s\\n' "${COMPREPLY[@]}"
 """
 
 
-def test_bash_completes_options_of_a_command(tmp_path) -> None:
+def test_bash_completes_options_of_a_command(tmp_path):
     program = tmp_path / 'pfd'
     program.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m pfd_ros.cli.main "$@"\n')
     program.chmod(0o755)
@@ -492,9 +484,9 @@ def test_bash_completes_options_of_a_command(tmp_path) -> None:
     assert done.stdout.split() == ['--what-if']
 
 
-def test_progress_is_printed_on_a_terminal_alone() -> None:
+def test_progress_is_printed_on_a_terminal_alone():
     class Terminal(io.StringIO):
-        def isatty(self) -> bool:
+        def isatty(self):
             return True
 
     assert progress_on(io.StringIO()) is None
@@ -510,9 +502,7 @@ def test_progress_is_printed_on_a_terminal_alone() -> None:
 # The small commands.
 
 
-def test_robots_lists_each_robot_and_the_version_is_that_of_the_library(
-    monkeypatch, tmp_path
-) -> None:
+def test_robots_lists_each_robot_and_the_version_is_that_of_the_library(monkeypatch, tmp_path):
     for variable in ('AMENT_PREFIX_PATH', 'ROS_PACKAGE_PATH'):
         monkeypatch.delenv(variable, raising=False)
     monkeypatch.setenv('ROBOT_DESCRIPTIONS_CACHE', str(tmp_path))
@@ -534,7 +524,7 @@ def test_robots_lists_each_robot_and_the_version_is_that_of_the_library(
     assert re.search(r'^xarm7 .*joint7\n .*none for armature\n .*xarm7\.urdf$', printed, re.M)
 
 
-def test_urdf_prints_the_bytes_that_it_writes_also_where_stdout_is_ascii(tmp_path) -> None:
+def test_urdf_prints_the_bytes_that_it_writes_also_where_stdout_is_ascii(tmp_path):
     assert command('urdf', 'planar2', '--out', f'{tmp_path}/arm.urdf') == (0, '', '')
     text = (tmp_path / 'arm.urdf').read_text(encoding='utf-8')
     assert pfd.load_robot(text).joint_names == pfd.load_robot('planar2').joint_names
@@ -546,7 +536,7 @@ def test_urdf_prints_the_bytes_that_it_writes_also_where_stdout_is_ascii(tmp_pat
     assert (tmp_path / 'printed').read_text(encoding='utf-8') == named
 
 
-def test_urdf_of_a_xacro_file_takes_its_arguments(tmp_path) -> None:
+def test_urdf_of_a_xacro_file_takes_its_arguments(tmp_path):
     head = '<robot name="$(arg name)" xmlns:xacro="http://www.ros.org/wiki/xacro">'
     path = tmp_path / 'arm.xacro'
     path.write_text(re.sub('<robot[^>]*>', head, pfd.urdf_of('planar2')))
@@ -560,7 +550,7 @@ def test_urdf_of_a_xacro_file_takes_its_arguments(tmp_path) -> None:
 
 
 @pytest.mark.parametrize('robot', ['ur55', '/nowhere/arm.urdf'])
-def test_urdf_of_an_unknown_robot_is_one_line(robot: str) -> None:
+def test_urdf_of_an_unknown_robot_is_one_line(robot):
     status, _, error = command('urdf', robot)
     assert status == 1
     assert re.fullmatch(f'pfd urdf: .*{robot}.*\n', error)
@@ -591,8 +581,8 @@ ARRAY, NUMBER, JOINTS = (
     ],
 )
 def test_values_become_a_message_of_the_type_or_an_error_that_names_them(
-    kind: str, values: list[str], field: str, expected: Any
-) -> None:
+    kind, values, field, expected
+):
     if isinstance(expected, str):
         with pytest.raises(ValueError, match=expected):
             message_of(kind, values, field)
@@ -603,53 +593,44 @@ def test_values_become_a_message_of_the_type_or_an_error_that_names_them(
         assert str(found if isinstance(value, float) else [*found]) == str(value)
 
 
-@pytest.mark.ros
-def test_send_reaches_an_arm_and_names_a_topic_without_subscribers(processes, peer_of) -> None:
-    arm, peer = processes.arm('-p', 'robot:=planar2'), peer_of(processes)
-    domain = {'ROS_DOMAIN_ID': str(processes.domain)}
-    done = process('send', '/joint_commands', 'shoulder=3.5', **domain)
-    assert (done.returncode, done.stderr) == (0, '')
-    assert done.stdout == 'sent sensor_msgs/msg/JointState to /joint_commands\n'
-    peer.wait(lambda: any(abs(state.velocity[0]) > 0.01 for state in peer.states))
-    done = process('send', '/nobody', '1', '--patience', '0.5', **domain)
-    assert done.returncode == 1
-    assert re.fullmatch('pfd send: no subscriber to /nobody within 0.5 s in .*\n', done.stderr)
-    arm.stop()
-
-
-@pytest.mark.ros
-@pytest.mark.parametrize(
-    ('words', 'reason'),
-    [
-        ('/sim_arm/commands 1', 'commands wrong_size'),
-        ('/joint_commands shoulder=1 --field position', 'joint_commands no_effort'),
-    ],
-)
-def test_send_fails_with_the_reason_why_the_arm_refuses_the_message(
-    processes, words: str, reason: str
-) -> None:
-    arm = processes.arm('-p', 'robot:=planar2')
-    done = process('send', *words.split(), ROS_DOMAIN_ID=str(processes.domain))
-    assert (done.returncode, done.stdout) == (1, '')
-    assert re.fullmatch(f'pfd send: rejected by /sim_arm: .* .{reason}.\n', done.stderr)
-    arm.stop()
-
-
-@pytest.mark.ros
-def test_send_names_joints_that_no_arm_moves_and_sends_nothing(processes, peer_of) -> None:
-    locked = ('-p', 'locked:=[elbow]')
-    arm, peer = processes.arm('-p', 'robot:=planar2', *locked), peer_of(processes)
-    domain = {'ROS_DOMAIN_ID': str(processes.domain)}
-    done = process('send', '/joint_commands', 'shoulder=3.5', 'elbow=1', 'shouldr=1', **domain)
-    assert (done.returncode, done.stdout) == (1, '')
-    unknown = "no moving joints of an arm are ['elbow', 'shouldr']; known are ['shoulder']"
-    assert done.stderr == f'pfd send: nothing sent to /joint_commands: {unknown}\n'
-    peer.wait(lambda: len(peer.states) > 10)
-    assert not any(state.velocity[0] for state in peer.states)
+# Words, status, and the output of `pfd send` at an arm whose elbow is locked; the arm moves after
+# the last of them.
+SENT = (
+    (
+        '/joint_commands shoulder=3.5 elbow=1 shouldr=1',
+        1,
+        r'pfd send: nothing sent to /joint_commands: no moving joints of an arm are '
+        r"\['elbow', 'shouldr'\]; known are \['shoulder'\]\n",
+    ),
+    ('/nobody 1 --patience 0.5', 1, r'pfd send: no subscriber to /nobody within 0\.5 s in .*\n'),
+    *(
+        (words, 1, rf'pfd send: rejected by /sim_arm: .* .{reason}.\n')
+        for words, reason in (
+            ('/sim_arm/commands 1 2', 'commands wrong_size'),
+            ('/joint_commands shoulder=1 --field position', 'joint_commands no_effort'),
+        )
+    ),
     # A state may name locked joints.
-    words = ('/sim_arm/set_state', 'shoulder=0.5', 'elbow=0', '--field', 'position')
-    done = process('send', *words, **domain)
-    assert (done.returncode, done.stderr) == (0, '')
+    *(
+        (words, 0, f'sent sensor_msgs/msg/JointState to {words.split()[0]}\n')
+        for words in (
+            '/sim_arm/set_state shoulder=0.5 elbow=0 --field position',
+            '/joint_commands shoulder=3.5',
+        )
+    ),
+)
+
+
+def test_send_reaches_an_arm_or_fails_with_the_reason_why_it_does_not(processes, peer_of):
+    arm, peer = processes.arm('robot:=planar2', 'locked:=[elbow]'), peer_of(processes)
+    peer.connect()
+    for words, status, printed in SENT:
+        assert not peer.states[-1].velocity[0]
+        done = processes.forked('pfd_ros.cli.main', 'send', *words.split())
+        assert done.end() == status, done.text()
+        assert re.fullmatch(printed, done.text()), done.text()
+        peer.let_pass(10)
+    peer.wait(lambda: abs(peer.states[-1].velocity[0]) > 0.01)
     arm.stop()
 
 
@@ -667,12 +648,9 @@ Requires-Dist: pytest; extra == "test"
 """
 
 
-@pytest.mark.ros
 @pytest.mark.slow
 @pytest.mark.parametrize('middleware', ['', 'rmw_absent'])
-def test_a_machine_has_a_line_for_each_subject_and_a_failure_is_status_1(
-    processes, middleware: str
-) -> None:
+def test_a_machine_has_a_line_for_each_subject_and_a_failure_is_status_1(processes, middleware):
     variables = {'RMW_IMPLEMENTATION': middleware} if middleware else {}
     done = process('doctor', ROS_DOMAIN_ID=str(processes.domain), **variables)
     lines = dict(line.split(maxsplit=1) for line in done.stdout.splitlines())
@@ -683,7 +661,7 @@ def test_a_machine_has_a_line_for_each_subject_and_a_failure_is_status_1(
 
 
 @pytest.mark.ros
-def test_an_invalid_domain_is_named_and_no_firewall(monkeypatch) -> None:
+def test_an_invalid_domain_is_named_and_no_firewall(monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', '500')
     (found,) = doctor.dds()
     assert found.failed
@@ -698,9 +676,7 @@ def test_an_invalid_domain_is_named_and_no_firewall(monkeypatch) -> None:
         ('own', False, 'has 1 files'),
     ],
 )
-def test_a_cache_that_cannot_be_used_is_a_failure(
-    cache: str, failed, text: str, tmp_path, monkeypatch
-) -> None:
+def test_a_cache_that_cannot_be_used_is_a_failure(cache, failed, text, tmp_path, monkeypatch):
     folder = tmp_path / 'cache'
     if cache:
         folder.mkdir(mode=0o700)
@@ -712,7 +688,7 @@ def test_a_cache_that_cannot_be_used_is_a_failure(
     assert str(folder) in found.text or not cache
 
 
-def test_a_bare_timer_skips_periods_that_have_passed() -> None:
+def test_a_bare_timer_skips_periods_that_have_passed():
     # A loop of 10 kHz for 20 ms; each wake-up is due at a multiple of the period, one or more on.
     periods = doctor.bare_timer(1e-4, 0.02)
     assert 1 <= len(periods) <= 201
@@ -721,7 +697,7 @@ def test_a_bare_timer_skips_periods_that_have_passed() -> None:
 
 
 @pytest.mark.parametrize(('count', 'busy'), [(985, False), (500, True)])
-def test_a_timer_that_misses_periods_is_a_finding(monkeypatch, count: int, busy: bool) -> None:
+def test_a_timer_that_misses_periods_is_a_finding(monkeypatch, count, busy):
     monkeypatch.setattr(
         'pfd_ros.cli.doctor.bare_timer', lambda period, length: np.full(count, length / count)
     )
@@ -731,16 +707,16 @@ def test_a_timer_that_misses_periods_is_a_finding(monkeypatch, count: int, busy:
     assert ('a busy machine' in found.text) == busy
 
 
-def test_a_kernel_with_a_wrong_answer_is_a_failure(monkeypatch) -> None:
+def test_a_kernel_with_a_wrong_answer_is_a_failure(monkeypatch):
     right = pfd.compile_kernel
 
     class Wrong:
         compile_seconds = 0.0
 
-        def __init__(self, robot: pfd.Robot) -> None:
+        def __init__(self, robot):
             self.kernel = right(robot)
 
-        def __call__(self, *given: np.ndarray) -> np.ndarray:
+        def __call__(self, *given):
             return 1.001 * self.kernel(*given)
 
     monkeypatch.setattr(pfd, 'compile_kernel', Wrong)
@@ -748,7 +724,7 @@ def test_a_kernel_with_a_wrong_answer_is_a_failure(monkeypatch) -> None:
     assert found.failed
 
 
-def test_a_missing_extra_is_named_with_the_command_that_installs_it(tmp_path, monkeypatch) -> None:
+def test_a_missing_extra_is_named_with_the_command_that_installs_it(tmp_path, monkeypatch):
     folder = tmp_path / 'pfd_ros-0.1.0.dist-info'
     folder.mkdir()
     (folder / 'METADATA').write_text(METADATA, encoding='utf-8')

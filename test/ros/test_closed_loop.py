@@ -1,24 +1,32 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What-if with a controller in the loop: with the law of a log, its bits."""
+"""Logs run again with a controller in the loop, and their first finding written as a pytest."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+import os
 from pathlib import Path
 import re
 import shlex
 import sys
 from typing import Any
 
-from arm_messages import efforts
+from arm_messages import efforts, named
+import numpy as np
 import pytest
-from recordings import Run
+from recordings import Run, simulate
+from ros_processes import PATIENCE, ForkedProcess, Job
 from test_cli import command
+from test_page import FAULTS as PAGE_FAULTS
+from test_page import TIMES, UR5, states, write_bag
 
+from pfd_ros.motion.symptoms import KINDS as SYMPTOM_KINDS
+from pfd_ros.page.findings import KINDS as FINDING_KINDS
 from pfd_ros.recording.log import Log as RecordedLog
 from pfd_ros.replay.verify import verify as verify_log
-from pfd_ros.testing import ControllerProcess, LockstepArm
+from pfd_ros.testing import ArmError, ControllerProcess, LockstepArm, findings, recorded, replayed
+from pfd_ros.testing.written import ASSERTIONS as FINDING_ASSERTIONS
 
 CONTROLLERS = Path(__file__).with_name('tested_controllers.py')
 LAWS = """
@@ -66,10 +74,14 @@ ARM = {'robot': 'planar2', 'gravity_compensation': True, 'external_wrench': True
 
 
 @pytest.fixture(autouse=True)
-def laws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """Write the controllers into the current folder, and return them."""
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, 'path', [*sys.path])
+
+
+@pytest.fixture
+def laws(here: None) -> dict[str, Any]:
+    """Write the controllers into the current folder, and return them."""
     Path('laws.py').write_text(LAWS)
     found: dict[str, Any] = {}
     exec(LAWS, found)
@@ -124,7 +136,7 @@ RECORDED: dict[str, Callable[[str, dict[str, Any]], None]] = {
 
 
 @pytest.mark.parametrize('kind', RECORDED)
-def test_the_law_that_made_a_log_in_lockstep_has_its_bits(kind: str, laws) -> None:
+def test_the_law_that_made_a_log_in_lockstep_has_its_bits(kind, laws):
     RECORDED[kind]('a.mcap', laws)
     law = 'integral.law' if 'state' in kind.split()[-1:] else 'pd'
     status, printed, error = command(
@@ -143,7 +155,7 @@ def test_the_law_that_made_a_log_in_lockstep_has_its_bits(kind: str, laws) -> No
     assert all('equal' in line and line.endswith('never') for line in rows)
 
 
-def test_a_controller_begins_where_the_recorded_one_did() -> None:
+def test_a_controller_begins_where_the_recorded_one_did():
     awaited('a.mcap', constant)
     text = 'def law(t, q, qd):\n    return 20.0 * (0.3 - q) - 2.0 * qd\n'
     Path('others.py').write_text(text)
@@ -156,11 +168,11 @@ def test_a_controller_begins_where_the_recorded_one_did() -> None:
 @pytest.mark.parametrize(
     'words', [['payload.mass=0.8'], ['noise.velocity=0.02', 'seed=4'], ['step_size=0.0005']]
 )
-def test_the_changed_arm_moves_as_one_that_was_so_from_the_start(words: list[str], laws) -> None:
+def test_the_changed_arm_moves_as_one_that_was_so_from_the_start(words, laws):
     settings = {x.partition('=')[0].replace('.', '_'): float(x.partition('=')[2]) for x in words}
     settings |= {'seed': int(settings['seed'])} if 'seed' in settings else {}
 
-    def record(path: str, **more: Any) -> None:
+    def record(path, **more):
         with LockstepArm(**{**ARM, 'start_time': 1.0, **more}, recording=path) as arm:
             arm.run(laws['pd'], 0.1)
             arm.push([5.0, 0.0, 0.0], [0.0, 1.0, 0.0])
@@ -196,9 +208,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize('fault', FAULTS)
-def test_a_controller_that_fails_is_named_and_its_run_is_recorded_up_to_there(
-    fault: str, laws
-) -> None:
+def test_a_controller_that_fails_is_named_and_its_run_is_recorded_up_to_there(fault, laws):
     driven('a.mcap', laws['pd'])
     before = Path('a.mcap').read_bytes()
     status, printed, error = command(
@@ -241,9 +251,7 @@ def test_a_controller_that_fails_is_named_and_its_run_is_recorded_up_to_there(
         ('--verify --process x', 2, '--process requires --what-if'),
     ],
 )
-def test_what_is_no_controller_is_one_line_and_writes_nothing(
-    words: str, status: int, message: str, laws
-) -> None:
+def test_what_is_no_controller_is_one_line_and_writes_nothing(words, status, message, laws):
     driven('a.mcap', laws['pd'])
     Path('wrong.py').write_text('def (')
     given = words.split() if '"' in words else shlex.split(words)
@@ -263,14 +271,12 @@ NODES = {
 
 
 @pytest.mark.parametrize(('kind', 'fault'), NODES)
-def test_an_unchanged_node_in_another_process_has_the_bits_of_its_log(
-    kind: str, fault: str, ros_domain
-) -> None:
+def test_an_unchanged_node_in_another_process_has_the_bits_of_its_log(kind, fault, ros_domain):
     with (
         ControllerProcess([sys.executable, CONTROLLERS, kind]) as node,
         LockstepArm('ur5', armature=True, gravity_compensation=True, recording='a.mcap') as arm,
     ):
-        arm.spin(0.1, node)
+        arm.spin(0.1, node, patience=PATIENCE, start_patience=PATIENCE)
     words = shlex.join([sys.executable, str(CONTROLLERS), kind, *filter(None, [fault])])
     status, said = NODES[kind, fault]
     found = command('replay', 'a.mcap', '--what-if', '--process', words)
@@ -284,10 +290,270 @@ def test_an_unchanged_node_in_another_process_has_the_bits_of_its_log(
     assert fault or new == old
 
 
-def test_a_simulation_that_fails_ends_the_run_with_its_time_and_status_0(laws) -> None:
+def test_a_simulation_that_fails_ends_the_run_with_its_time_and_status_0(laws):
     driven('a.mcap', laws['pd'])
     words = ['damping=[1e6, 1e6]', 'integrator=rk4', '--controller', 'laws:pd']
     status, printed, _ = command('replay', 'a.mcap', '--what-if', *words)
     assert status == 0
     assert 'FAILED     simulation stopped at 0.0' in printed
     assert verify_log('a_what_if.mcap').complete
+
+
+HELD: dict[str, Any] = {'robot': 'planar2', 'gravity_compensation': True}
+LAW = """
+import numpy as np
+
+GOAL = np.array([0.4, -0.3])
+DAMPING = {damping}
+
+
+def law(t, q, qd):
+    return {stiffness} * (GOAL - q) - DAMPING * qd + {wave} * np.sin(60.0 * t)
+
+
+class Holder:
+    law = staticmethod(law)
+
+
+holder = Holder()
+"""
+FIXED = LAW.format(damping=8.0, stiffness=20.0, wave=0.0)
+# Wrong law -> kind of the first finding and its joint.
+WRONG = {
+    'the sign of its damping': (
+        LAW.format(damping=-3.0, stiffness=20.0, wave=0.0),
+        *('effort limit', 'elbow'),
+    ),
+    'saturates': (LAW.format(damping=1.0, stiffness=900.0, wave=0.0), 'effort limit', 'shoulder'),
+    'a limit cycle': (
+        LAW.format(damping=8.0, stiffness=20.0, wave=4.0),
+        'oscillation',
+        'shoulder',
+    ),
+}
+
+
+def passes(file: str) -> bool:
+    """Run a file in another folder than the current one, and without it on the path of Python."""
+    output = Path('printed.txt').absolute()
+    env = {name: os.environ[name] for name in ('PATH', 'PFD_CACHE')}
+    words = ['-q', '-p', 'no:cacheprovider', str(Path(file).absolute())]
+    # A controller is written twice within a second.
+    replaced = {'sys.dont_write_bytecode': True}
+    status = ForkedProcess(Job('pytest', words, output, env, Path('/'), replaced)).wait()
+    assert status in (0, 1), output.read_text()
+    return status == 0
+
+
+def upright(path: Path) -> None:
+    """Record a servo that is too weak to hold its arm upright."""
+    servo = {
+        'servo_p': (1.0, 1.0),
+        'servo_d': (0.1, 0.1),
+        'initial_positions': (np.pi / 2 + 0.02, 0.0),
+    }
+    events = {1: [named(['shoulder', 'elbow'], position=[np.pi / 2, 0.0])]}
+    simulate(path, 600, events, **servo)
+
+
+def pushed(torque: float) -> Callable[[Path], Any]:
+    """Return what records a constant torque while the reference of the shoulder rises."""
+    events = {
+        k: [named(['shoulder'], effort=[torque], position=[0.001 * k])] for k in range(1, 300, 10)
+    }
+    return lambda path: simulate(path, 300, events, gravity=(0.0, 0.0, 0.0))
+
+
+def fault(name: str) -> Callable[[Path], Any]:
+    events, cycles, given, _, _, _ = PAGE_FAULTS[name]
+    return lambda path: simulate(path, cycles, events, **given)
+
+
+def infinite(path: Path) -> None:
+    rows = states(UR5, TIMES)
+    rows[50][2]['velocity'][2] = np.inf
+    write_bag(path, rows)
+
+
+def silent(path: Path) -> None:
+    write_bag(path, states(UR5, [t for k, t in enumerate(TIMES) if not 40 <= k < 60]))
+
+
+REPLAYED = 'motion = replayed(LOG, run)'
+# Log -> its first finding, the assertion, and other words of the test.
+WRITTEN: dict[str, tuple[Callable[[Path], Any], str, str, str]] = {
+    **{
+        name: (fault(name), PAGE_FAULTS[name][4], assertion, REPLAYED)
+        for name, assertion in (
+            ('effort at its limit', "motion.assert_no_limit_hit('effort', joint='shoulder')"),
+            ('too fast', "motion.assert_no_limit_hit('velocity', joint='elbow')"),
+            ('wrong size', "assert findings(run, 'rejected input', '') == []"),
+            ('silence', "assert findings(run, 'watchdog', '') == []"),
+            ('jump of an effort', "assert findings(run, 'reflex', '') == []"),
+            ('run away', 'assert not motion.stopped'),
+        )
+    },
+    'never commanded': (
+        lambda path: simulate(path, 100, {5: [named(['elbow'], effort=(0.1,))]}),
+        'never commanded',
+        *("assert motion.commanded[motion.index('shoulder')]", REPLAYED),
+    ),
+    'falls': (upright, 'divergence', "findings(run, 'divergence', 'shoulder') == []", REPLAYED),
+    'wrong way': (pushed(-1.0), 'driven away', "(run, 'driven away', 'shoulder') == []", REPLAYED),
+    'too little': (pushed(0.0), 'lost', "findings(run, 'lost', 'shoulder') == []", REPLAYED),
+    # Logs of other arms.
+    'infinite': (infinite, 'not finite', "(run, 'not finite', 'elbow_joint') == []", 'run = LOG'),
+    'silent': (silent, 'gap', "assert findings(run, 'gap', '') == []", 'run = LOG'),
+}
+
+
+@pytest.mark.parametrize('name', WRITTEN)
+def test_the_first_finding_is_written_as_a_test_that_fails_by_it(name):
+    record, kind, assertion, words = WRITTEN[name]
+    Path('logs').mkdir()
+    Path('tests').mkdir()
+    record(Path('logs/a.mcap'))
+    status, printed, error = command('report', 'log', 'logs/a.mcap', '--pytest', 'tests/test_a.py')
+    assert (status, error) == (0, '')
+    assert f', {kind}: ' in printed
+    assert 'tests/test_a.py fails today: ' in printed
+    text = Path('tests/test_a.py').read_text()
+    assert assertion in text
+    assert words in text
+    assert "LOG = HERE / '../logs/a.mcap'" in text
+    # No page is written beside it, unless it is named.
+    assert {*Path().iterdir()} == {Path('logs'), Path('tests')}
+
+
+def test_the_limits_of_another_arm_are_those_of_the_robot_that_is_named():
+    rows = states(UR5, TIMES)
+    rows[70][2]['velocity'][2] = 4.0
+    write_bag(Path('a.mcap'), rows)
+    assert command('report', 'log', 'a.mcap', '--pytest', 'test_a.py')[0] == 1
+    words = [
+        'report',
+        'log',
+        'a.mcap',
+        '--robot',
+        'ur5',
+        '--pytest',
+        'test_a.py',
+        '--out',
+        'a.html',
+    ]
+    status, printed, _ = command(*words)
+    assert (status, 'elbow_joint' in printed, Path('a.html').exists()) == (0, True, True)
+    text = Path('test_a.py').read_text()
+    assert "recorded(LOG, 'elbow_joint', robot='ur5')" in text
+    # Recorded again, it passes.
+    Path('a.mcap').unlink()
+    write_bag(Path('a.mcap'), states(UR5, TIMES))
+    assert passes('test_a.py')
+
+
+@pytest.mark.parametrize('name', WRONG)
+def test_with_its_controller_the_test_passes_once_that_is_fixed(name):
+    text, kind, joint = WRONG[name]
+    # A name of the template too.
+    attribute, more = 'holder.law' if name == 'saturates' else 'run', '\n\nrun = law\n'
+    Path('wrong.py').write_text(text + more)
+    Path('tests').mkdir()
+    found: dict[str, Any] = {}
+    exec(text, found)
+    with LockstepArm(**HELD, recording='a.mcap') as arm:
+        try:
+            arm.run(found['law'], 2.0)
+        except ArmError:
+            assert 'sign' in name
+    words = ['--pytest', 'tests/test_a.py', '--controller', f'wrong:{attribute}']
+    status, printed, error = command('report', 'log', 'a.mcap', *words)
+    assert (status, error) == (0, '')
+    assert f', {kind}: {joint}: ' in printed
+    assert not passes('tests/test_a.py')
+    Path('wrong.py').write_text(FIXED + more)
+    assert passes('tests/test_a.py')
+
+
+def test_with_a_controller_that_lacks_the_fault_nothing_is_written():
+    fault('effort at its limit')(Path('a.mcap'))
+    Path('wrong.py').write_text(FIXED)
+    words = ['--pytest', 'test_a.py', '--controller', 'wrong:law']
+    status, printed, error = command('report', 'log', 'a.mcap', *words)
+    assert (status, printed) == (1, '')
+    assert 'test_a.py is not written' in error
+    assert 'does not fail by it: it passes; without --controller' in error
+    assert not Path('test_a.py').exists()
+
+
+def test_every_kind_of_finding_has_an_assertion_or_says_why_not():
+    assert {*FINDING_ASSERTIONS} == {*FINDING_KINDS, *SYMPTOM_KINDS}
+    for kind, row in FINDING_ASSERTIONS.items():
+        assert bool(row.code) != bool(row.why), kind
+    tested = {kind for _, kind, _, _ in WRITTEN.values()} | {kind for _, kind, _ in WRONG.values()}
+    # A limit of positions is as that of velocities; diagnostics are as other logs' gaps.
+    asserted = {kind for kind, row in FINDING_ASSERTIONS.items() if row.code}
+    assert asserted - tested == {'position limit', 'diagnostics'}
+
+
+@pytest.mark.parametrize(
+    ('words', 'message'),
+    [
+        ('good.mcap --pytest test_a.py', 'good.mcap: nothing went wrong, so there is no finding'),
+        ('bad.mcap --pytest a.py', "pytest collects test_*.py, got the name 'a.py'"),
+        ('bad.mcap --pytest test_mine.py', 'test_mine.py exists and is not overwritten; name'),
+        ('bad.mcap --pytest no/test_a.py', 'no/test_a.py: No such file or directory'),
+        ('bad.mcap --pytest test_a.py --controller wrong', 'must be module:function'),
+        ('bad.mcap --pytest test_a.py --controller wrong:raises', 'KeyError'),
+        (
+            'other.mcap --pytest test_a.py --controller wrong:law',
+            '--controller: no simulation of other.mcap shows',
+        ),
+        ('bad.mcap --controller wrong:law', '--controller requires --pytest'),
+        ('bad.mcap --pytest test_a.py --start 0.01', '--pytest conflicts with --start'),
+    ],
+)
+def test_what_cannot_be_written_is_one_line_and_no_file(words, message):
+    simulate(
+        Path('good.mcap'), 50, {k: [named(['shoulder', 'elbow'], effort=[0, 0])] for k in (1, 2)}
+    )
+    fault('effort at its limit')(Path('bad.mcap'))
+    infinite(Path('other.mcap'))
+    Path('test_mine.py').write_text('mine')
+    Path('wrong.py').write_text(f"{FIXED}\n\ndef raises(t, q, qd):\n    return {{}}['gain']\n")
+    before = {*Path().iterdir()}
+    status, _, error = command('report', 'log', *words.split())
+    assert status == (2 if message.startswith('--') and 'shows' not in message else 1)
+    assert message in error
+    assert len(error.splitlines()) == 1
+    assert {*Path().iterdir()} - {Path('__pycache__')} == before
+    assert Path('test_mine.py').read_text() == 'mine'
+
+
+def test_names_in_a_log_cannot_write_other_code():
+    hostile = 'elbow\'); raise SystemExit(3) #\n\u2028"""\\{joint}'
+    rows = states([hostile, 'other'], TIMES)
+    rows[50][2]['velocity'][0] = np.inf
+    write_bag(Path('a.mcap'), rows)
+    status, printed, _ = command('report', 'log', 'a.mcap', '--pytest', 'test_a.py')
+    assert status == 0
+    assert 'fails today: AssertionError: ' in printed
+    assert len(Path('test_a.py').read_text().splitlines()) < 20
+
+
+def test_a_replayed_motion_is_that_of_the_log_or_of_a_changed_arm():
+    found: dict[str, Any] = {}
+    exec(FIXED, found)
+    with LockstepArm(**HELD, recording='a.mcap') as arm:
+        motion = arm.run(found['law'], 0.5)
+    for given in ({}, {'controller': found['law']}):
+        again = replayed('a.mcap', Path(f'{len(given)}.mcap'), **given)
+        assert again.names == motion.names
+        assert again.stopped == ''
+        # The first row of a test is the state before the first step.
+        np.testing.assert_array_equal(again.q[:-1], motion.q[1:])
+        np.testing.assert_array_equal(again.tau, motion.tau)
+        np.testing.assert_array_equal(again.limits.effort, motion.limits.effort)
+        assert again.tip() == pytest.approx(recorded('a.mcap').tip())
+    other = replayed('a.mcap', 'b.mcap', ['payload.mass=1.5'], controller=found['law'])
+    assert np.abs(other.q - again.q).max() > 1e-3
+    assert findings('a.mcap', 'effort limit', 'shoulder') == []

@@ -96,7 +96,7 @@ SAME = {
 
 
 @pytest.mark.parametrize('name', SAME)
-def test_a_log_is_equal_to_itself(tmp_path, name: str) -> None:
+def test_a_log_is_equal_to_itself(tmp_path, name):
     path = write_mcap(tmp_path / 'a.mcap', SAME[name])
     assert pfd_main(['compare', str(path), str(path)]) == 0
     log = read_log(path)
@@ -116,7 +116,7 @@ def test_a_log_is_equal_to_itself(tmp_path, name: str) -> None:
     assert compared == {key: count for key, count in counts.items() if count}
 
 
-def test_inputs_that_the_node_refused_are_no_obstacle(tmp_path) -> None:
+def test_inputs_that_the_node_refused_are_no_obstacle(tmp_path):
     garbage = ArmMessage('joint_commands', bytes(7))
     simulate(tmp_path / 'a.mcap', 9, {3: [garbage], 5: [named(ARM_NAMES, (1.0, 2.0))]})
     simulate(tmp_path / 'b.mcap', 9, {5: [named(ARM_NAMES, (1.0, 2.0))]})
@@ -131,7 +131,7 @@ def test_inputs_that_the_node_refused_are_no_obstacle(tmp_path) -> None:
     assert facts['obstacle'] == '1 of 2 messages, which the node refused'
 
 
-def test_a_difference_between_messages_without_times_is_found(tmp_path) -> None:
+def test_a_difference_between_messages_without_times_is_found(tmp_path):
     rows = SAME['zero stamps']
     other = [*rows[:7], Row(STATES, rows[7].at, joint_state(NAMES, [9.0, -7])), *rows[8:]]
     found = pair(tmp_path, rows, other, lag=0.0)
@@ -139,7 +139,7 @@ def test_a_difference_between_messages_without_times_is_found(tmp_path) -> None:
     assert (worst.joint, worst.largest, worst.first_at) == ('shoulder', 2.0, pytest.approx(0.7))
 
 
-def test_unreadable_messages_are_an_error_and_the_others_are_compared(tmp_path, capsys) -> None:
+def test_unreadable_messages_are_an_error_and_the_others_are_compared(tmp_path, capsys):
     rows = [Row(t, at, d[:60] if k % 2 else d) for k, (t, at, d) in enumerate(states(20))]
     path = write_mcap(tmp_path / 'a.mcap', rows)
     assert pfd_main(['compare', str(path), str(path)]) == 1
@@ -154,7 +154,7 @@ def test_unreadable_messages_are_an_error_and_the_others_are_compared(tmp_path, 
 @pytest.mark.sweep
 @pytest.mark.parametrize('lag', [-0.3004, -0.008, 0.0013, 0.25])
 @pytest.mark.parametrize('start', [0.0, 1.7e9])
-def test_a_lag_between_the_clocks_is_found(tmp_path, lag: float, start: float) -> None:
+def test_a_lag_between_the_clocks_is_found(tmp_path, lag, start):
     later = rows_of(lambda t: sines(t - lag), start=start)
     found = pair(tmp_path, rows_of(sines), later)
     assert found.lag == pytest.approx(lag, abs=2e-4)
@@ -165,7 +165,7 @@ def test_a_lag_between_the_clocks_is_found(tmp_path, lag: float, start: float) -
     assert max(item.largest for item in positions) < INTERPOLATED + 2 * 2e-4
 
 
-def test_logs_with_a_simulated_clock_have_no_lag(tmp_path) -> None:
+def test_logs_with_a_simulated_clock_have_no_lag(tmp_path):
     tick = bytes(4) + bytes(8)
     for name, begin in (('a', 0.0), ('b', 0.2)):
         rows = [
@@ -179,7 +179,7 @@ def test_logs_with_a_simulated_clock_have_no_lag(tmp_path) -> None:
     assert not found.within
 
 
-def test_a_weak_correlation_is_no_lag(tmp_path) -> None:
+def test_a_weak_correlation_is_no_lag(tmp_path):
     rng = np.random.default_rng(1)
     noise = {name: rng.standard_normal((len(TIMES), 2)) for name in 'ab'}
     rows = [
@@ -211,13 +211,13 @@ CLOCKS = {
 
 
 @pytest.mark.parametrize('name', CLOCKS)
-def test_the_lag_of_logs(tmp_path, name: str) -> None:
+def test_the_lag_of_logs(tmp_path, name):
     rows, expected = CLOCKS[name]
     found = pair(tmp_path, *rows)
     assert {key: getattr(found, key) for key in expected} == expected
 
 
-def test_logs_of_different_rates_are_interpolated(tmp_path) -> None:
+def test_logs_of_different_rates_are_interpolated(tmp_path):
     rows = rows_of(sines), rows_of(sines, np.arange(0, 4, 0.005))
     assert pair(tmp_path, *rows, tolerance=2 * INTERPOLATED).within
     assert not pair(tmp_path, *rows, tolerance=1e-9).within
@@ -226,8 +226,8 @@ def test_logs_of_different_rates_are_interpolated(tmp_path) -> None:
 # --- joints, topics and missing values
 
 
-def test_joints_are_matched_by_name_and_a_difference_has_its_place(tmp_path) -> None:
-    def shifted(t: float) -> tuple[list[float], list[float]]:
+def test_joints_are_matched_by_name_and_a_difference_has_its_place(tmp_path):
+    def shifted(t):
         q, qd = sines(t)
         return [q[0] + 0.25 * (t >= 1.0), q[1]], qd
 
@@ -260,14 +260,14 @@ def spiked(t: float) -> tuple[list[float], list[float]]:
     ('motion', 'times'),
     [(lost_from(3.0), TIMES), (lost_from(3.0), TIMES[::2]), (lost_from(-1.0), TIMES)],
 )
-def test_a_log_that_lacks_values_is_not_equal(tmp_path, motion: Motion, times: Any) -> None:
+def test_a_log_that_lacks_values_is_not_equal(tmp_path, motion, times):
     found = pair(tmp_path, rows_of(sines), rows_of(motion, times), lag=0.0, tolerance=0.01)
     assert not found.within
     assert any('values, position of shoulder' in line for line in found.only_in_a)
     assert all(item.first_at is None for item in found.differences)
 
 
-def test_time_that_only_one_log_covers_and_a_spike_between_samples_are_stated(tmp_path) -> None:
+def test_time_that_only_one_log_covers_and_a_spike_between_samples_are_stated(tmp_path):
     found = pair(tmp_path, rows_of(sines), rows_of(sines, TIMES[:50]), lag=0.0)
     assert not found.within
     assert found.uncovered == pytest.approx(TIMES[-1] - TIMES[49] - 2 * 0.008, abs=1e-9)
@@ -275,12 +275,12 @@ def test_time_that_only_one_log_covers_and_a_spike_between_samples_are_stated(tm
     assert found.differences[0].largest == pytest.approx(5.0, abs=1e-3)
 
 
-def test_a_topic_that_only_one_log_has_is_named(tmp_path) -> None:
+def test_a_topic_that_only_one_log_has_is_named(tmp_path):
     more = [*states(30), *states(9, HAND, topic='/hand')]
     assert pair(tmp_path, more, states(30)).only_in_a == ('/hand',)
 
 
-def test_recordings_are_compared_by_role_whatever_their_topics_are_called(tmp_path) -> None:
+def test_recordings_are_compared_by_role_whatever_their_topics_are_called(tmp_path):
     first, same, other = (tmp_path / f'{name}.mcap' for name in ('first', 'same', 'other'))
     busy(first)
     run = busy(same, topics={'joint_states': '/arm_7/states', 'joint_commands': '/arm_7/commands'})
@@ -304,7 +304,7 @@ def test_recordings_are_compared_by_role_whatever_their_topics_are_called(tmp_pa
         ({'lag': 1e9}, 'have no joint with values at common times'),
     ],
 )
-def test_bad_arguments_are_named(tmp_path, arguments: dict[str, Any], line: str) -> None:
+def test_bad_arguments_are_named(tmp_path, arguments, line):
     rows = [Row('/text', 1000.0, string('a')), *states(3)]
     path = write_mcap(tmp_path / 'a.mcap', rows, {'/text': STRING})
     for log in (read_log(path), read_log(path, types=[JOINT_STATE])):
@@ -312,7 +312,7 @@ def test_bad_arguments_are_named(tmp_path, arguments: dict[str, Any], line: str)
             compare_logs(log, log, **arguments)
 
 
-def test_logs_without_a_common_joint_or_topic_are_refused(tmp_path) -> None:
+def test_logs_without_a_common_joint_or_topic_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"joints are \['shoulder', 'elbow'\] and \['x', 'y'\]"):
         pair(tmp_path, rows_of(sines), rows_of(sines, names=('x', 'y')))
     # A command that both arms refused names a joint that one of them has.
@@ -331,7 +331,7 @@ def test_logs_without_a_common_joint_or_topic_are_refused(tmp_path) -> None:
 # --- the command
 
 
-def test_the_command_prints_a_line_for_each_joint_and_draws_both_logs(tmp_path, capsys) -> None:
+def test_the_command_prints_a_line_for_each_joint_and_draws_both_logs(tmp_path, capsys):
     a = write_mcap(tmp_path / 'a.mcap', rows_of(sines))
     still = rows_of(
         lambda t: ([0.0, 0.0], [0.0, 0.0]), names=('r_shoulder', 'r_elbow'), topic='/arm'

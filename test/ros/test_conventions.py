@@ -110,16 +110,14 @@ def joint(engine: Engine, place: int, value: float) -> list[float]:
 # ---- the table
 
 
-def test_each_behaviour_that_is_not_missing_has_a_test() -> None:
+def test_each_behaviour_that_is_not_missing_has_a_test():
     wanted = [key for key, row in BEHAVIOURS.items() if row.missing is None]
     assert sorted(covered) == sorted(wanted)
     assert len(wanted) >= 30
 
 
 @pytest.mark.parametrize(('convention', 'name'), BEHAVIOURS)
-def test_a_behaviour_names_its_document_and_settings_that_exist(
-    convention: str, name: str
-) -> None:
+def test_a_behaviour_names_its_document_and_settings_that_exist(convention, name):
     row = BEHAVIOURS[convention, name]
     document, colon, place = row.source.partition(': ')
     assert document in convention_documents()
@@ -139,7 +137,7 @@ def test_a_behaviour_names_its_document_and_settings_that_exist(
 
 
 @pytest.mark.parametrize('convention', ROBOTS)
-def test_a_convention_gives_defaults_and_what_is_given_has_precedence(convention: str) -> None:
+def test_a_convention_gives_defaults_and_what_is_given_has_precedence(convention):
     found = Settings.from_values({'convention': convention})
     values = {k: v for row in behaviours(convention) for k, v in row.values.items()}
     assert {name: getattr(found, name) for name in values} == values
@@ -162,14 +160,12 @@ def test_a_convention_gives_defaults_and_what_is_given_has_precedence(convention
         ({'viscous_scale': (1.1, 0.0)}, 'viscous_scale is 1.1, expected 0.0 to 1.0'),
     ],
 )
-def test_settings_that_do_not_go_with_a_convention_name_what_is_needed(
-    chosen: dict[str, Any], expected: str
-) -> None:
+def test_settings_that_do_not_go_with_a_convention_name_what_is_needed(chosen, expected):
     with pytest.raises(ValueError, match=expected):
         made(joint_damping=(1.0, 1.0), **chosen)
 
 
-def test_an_arm_of_another_size_has_the_scales_that_are_given_for_each_joint() -> None:
+def test_an_arm_of_another_size_has_the_scales_that_are_given_for_each_joint():
     given = {'shoulder': 0.25, 'elbow': 0.5}
     arm = LockstepArm('planar2', convention='ur', viscous_scale=given, coulomb_scale=given)
     assert arm.settings.viscous_scale == (0.25, 0.5)
@@ -181,9 +177,7 @@ def test_an_arm_of_another_size_has_the_scales_that_are_given_for_each_joint() -
 @of('ur', 'gravity', 'zero torque')
 @of('franka', 'gravity')
 @pytest.mark.parametrize(('convention', 'pose'), [(c, pose) for c in POSES for pose in POSES[c]])
-def test_without_effort_an_arm_with_all_friction_compensated_stays_at_rest(
-    convention: str, pose: tuple[float, ...]
-) -> None:
+def test_without_effort_an_arm_with_all_friction_compensated_stays_at_rest(convention, pose):
     full = {'viscous_scale': (1.0,) * len(pose), 'coulomb_scale': (1.0,) * len(pose)}
     for more in ({}, {'payload_mass': 1.5, 'load_mass': 1.5}):
         engine = rubbing(convention, initial_positions=pose, **full, **more)
@@ -197,7 +191,7 @@ def test_without_effort_an_arm_with_all_friction_compensated_stays_at_rest(
 
 
 @of('ur', 'gravity vector')
-def test_gravity_of_another_mounting_is_compensated() -> None:
+def test_gravity_of_another_mounting_is_compensated():
     engine = arm('ur', gravity=(9.81, 0.0, 0.0))
     found = commanded(engine, 200)
     assert found[-1].position.tolist() == list(POSES['ur'][0])
@@ -206,7 +200,7 @@ def test_gravity_of_another_mounting_is_compensated() -> None:
 @of('ur', 'payload')
 @of('franka', 'setLoad')
 @pytest.mark.parametrize('convention', ROBOTS)
-def test_a_payload_is_compensated_if_the_controller_knows_of_it(convention: str) -> None:
+def test_a_payload_is_compensated_if_the_controller_knows_of_it(convention):
     engine, start = arm(convention), POSES[convention][0]
     engine.step([payload(engine.robot.tip, 1.5, (0.0, 0.0, 0.1))])
     assert np.abs(commanded(engine, 20)[-1].velocity).max() > 1e-2
@@ -218,7 +212,7 @@ def test_a_payload_is_compensated_if_the_controller_knows_of_it(convention: str)
 
 
 @of('franka', 'end effector')
-def test_a_gripper_of_the_model_is_compensated() -> None:
+def test_a_gripper_of_the_model_is_compensated():
     engine = made(**vars(Settings.from_values({'convention': 'franka', 'robot': GRIPPER})))
     assert sum(engine.robot.masses) == pytest.approx(1.75)
     assert not np.any(commanded(engine, 200)[-1].velocity)
@@ -244,9 +238,7 @@ GRIPPER = """<robot name="held"><link name="base"/>
         ('franka', (1.0,) * 7, (1.0,) * 7),
     ],
 )
-def test_the_documented_share_of_friction_is_compensated(
-    convention: str, viscous: tuple[float, ...], coulomb: tuple[float, ...]
-) -> None:
+def test_the_documented_share_of_friction_is_compensated(convention, viscous, coulomb):
     n = len(viscous)
     resting = tuple(1.5 * x for x in COULOMB[:n])
     engine = rubbing(convention, static_friction=resting)
@@ -278,7 +270,7 @@ def stopping(engine: Engine, cycles: int = 40) -> float:
 
 
 @of('ur', 'no friction compensation', 'scales at run time', 'range of scales')
-def test_scales_of_0_leave_all_friction_and_change_at_run_time() -> None:
+def test_scales_of_0_leave_all_friction_and_change_at_run_time():
     chosen = {'joint_damping': VISCOUS[:6], 'joint_friction': COULOMB[:6]}
     plain = made(robot='ur5', gravity_compensation=True, armature=True, **chosen)
     off = rubbing('ur', viscous_scale=(0.0,) * 6, coulomb_scale=(0.0,) * 6)
@@ -302,7 +294,7 @@ def test_scales_of_0_leave_all_friction_and_change_at_run_time() -> None:
 @of('ur', 'period')
 @of('franka', 'period')
 @pytest.mark.parametrize(('convention', 'rate'), [('ur', 500), ('franka', 1000)])
-def test_a_command_acts_for_the_period_of_the_vendor(convention: str, rate: int) -> None:
+def test_a_command_acts_for_the_period_of_the_vendor(convention, rate):
     engine = arm(convention)
     first, then = commanded(engine, 2)
     assert then.stamp_ns - first.stamp_ns == 10**9 // rate
@@ -312,7 +304,7 @@ def test_a_command_acts_for_the_period_of_the_vendor(convention: str, rate: int)
 
 
 @of('ur', 'before the first command')
-def test_an_arm_is_held_until_its_first_command() -> None:
+def test_an_arm_is_held_until_its_first_command():
     engine = arm('ur')
     found = state(engine, cycles=500)
     assert (found.position.tolist(), any(found.velocity)) == (list(POSES['ur'][0]), False)
@@ -328,9 +320,7 @@ def test_an_arm_is_held_until_its_first_command() -> None:
         ('franka', 20, 'communication_constraints_violation: no command for 0.02 s'),
     ],
 )
-def test_the_last_effort_acts_until_too_many_commands_are_missing(
-    convention: str, cycles: int, text: str
-) -> None:
+def test_the_last_effort_acts_until_too_many_commands_are_missing(convention, cycles, text):
     engine = arm(convention)
     effort = joint(engine, 0, 0.5)
     commanded(engine, 3, *effort)
@@ -349,7 +339,7 @@ def test_the_last_effort_acts_until_too_many_commands_are_missing(
 @of('ur', 'limit violation')
 @of('franka', 'error recovery')
 @pytest.mark.parametrize('convention', ROBOTS)
-def test_an_activation_or_a_reset_lets_control_continue(convention: str) -> None:
+def test_an_activation_or_a_reset_lets_control_continue(convention):
     engine = arm(convention)
     for ending in (['deactivate', 'activate'], ['reset']):
         commanded(engine, 1)
@@ -362,14 +352,14 @@ def test_an_activation_or_a_reset_lets_control_continue(convention: str) -> None
 
 
 @of('ur', 'other modes')
-def test_positions_are_rejected_without_servo_gains() -> None:
+def test_positions_are_rejected_without_servo_gains():
     engine = arm('ur')
     found = verdict(engine, named(engine.names, position=[0.0] * 6))
     assert (found.label, found.accepted) == ('no_effort', False)
 
 
 @of('franka', 'commands that are not finite')
-def test_infinite_efforts_are_rejected_and_nan_by_name_is_no_command() -> None:
+def test_infinite_efforts_are_rejected_and_nan_by_name_is_no_command():
     engine = arm('franka')
     for value, label in ((INF, 'infinite'), (NAN, 'unclaimed')):
         assert verdict(engine, named(engine.names, [value] * 7)).label == label
@@ -382,7 +372,7 @@ def test_infinite_efforts_are_rejected_and_nan_by_name_is_no_command() -> None:
 @of('ur', 'effort as torque', 'effort as current')
 @of('franka', 'tau_J', 'tau_J_d')
 @pytest.mark.parametrize('convention', ROBOTS)
-def test_efforts_of_states_are_as_the_driver_publishes_them(convention: str) -> None:
+def test_efforts_of_states_are_as_the_driver_publishes_them(convention):
     n, start = len(POSES[convention][0]), POSES[convention][0]
     constants, load = tuple(10.0 + k for k in range(n)), (0.8, (0.0, 0.05, 0.1))
     chosen = {'load_mass': load[0], 'load_center': load[1], 'payload_mass': load[0]}
@@ -409,7 +399,7 @@ def test_efforts_of_states_are_as_the_driver_publishes_them(convention: str) -> 
 
 
 @pytest.mark.parametrize('resting', [8.0, 20.0])
-def test_the_current_is_that_of_the_compensated_friction_too(resting: float) -> None:
+def test_the_current_is_that_of_the_compensated_friction_too(resting):
     chosen = {'static_friction': (resting,) * 6, 'stribeck_velocity': (0.3,) * 6}
     chosen |= {'state_effort': 'current', 'torque_constant': (2.0,) * 6, 'gravity': (0.0,) * 3}
     engine = rubbing('ur', **chosen)
@@ -421,7 +411,7 @@ def test_the_current_is_that_of_the_compensated_friction_too(resting: float) -> 
 
 
 @of('franka', 'external torques', 'joint_reflex')
-def test_an_external_torque_beyond_its_threshold_stops_the_robot() -> None:
+def test_an_external_torque_beyond_its_threshold_stops_the_robot():
     thresholds = (20.0, 20.0, 18.0, 18.0, 16.0, 14.0, 12.0)
     chosen = {'external_wrench': True, 'outputs': ('external_torques',)}
     engine = arm('franka', reflex_external_effort=thresholds, **chosen)
@@ -449,9 +439,7 @@ def test_an_external_torque_beyond_its_threshold_stops_the_robot() -> None:
     ('convention', 'limits'),
     [('ur', (150, 150, 150, 28, 28, 28)), ('franka', (87, 87, 87, 87, 12, 12, 12))],
 )
-def test_torques_are_limited_to_the_documented_ones(
-    convention: str, limits: tuple[float, ...]
-) -> None:
+def test_torques_are_limited_to_the_documented_ones(convention, limits):
     engine = arm(convention, state_effort='command', reflex_effort_rate=0.0)
     assert commanded(engine, 1, *[1e3] * len(limits))[0].effort.tolist() == list(limits)
 
@@ -467,7 +455,7 @@ def test_torques_are_limited_to_the_documented_ones(
         ('franka', 'position', "joint_position_limits_violation: the position of 'panda_joint1"),
     ],
 )
-def test_a_joint_beyond_its_limit_stops_the_robot(convention: str, kind: str, text: str) -> None:
+def test_a_joint_beyond_its_limit_stops_the_robot(convention, kind, text):
     engine = arm(convention)
     start, robot = np.array(POSES[convention][0]), engine.robot
     speed = np.zeros(robot.n)
@@ -502,9 +490,7 @@ def test_a_joint_beyond_its_limit_stops_the_robot(convention: str, kind: str, te
         ([1.1], 1),
     ],
 )
-def test_a_torque_that_changes_by_more_than_1_nm_in_a_cycle_stops_the_robot(
-    sent: list[float | None], trips: int
-) -> None:
+def test_a_torque_that_changes_by_more_than_1_nm_in_a_cycle_stops_the_robot(sent, trips):
     engine = arm('franka')
     for value in sent:
         engine.step([] if value is None else [efforts(*joint(engine, 2, value))])
@@ -513,7 +499,7 @@ def test_a_torque_that_changes_by_more_than_1_nm_in_a_cycle_stops_the_robot(
     assert engine.state.tripped.startswith(wanted if trips else '')
 
 
-def test_a_reflex_at_the_start_compares_a_released_joint_alone_with_zero() -> None:
+def test_a_reflex_at_the_start_compares_a_released_joint_alone_with_zero():
     engine = arm('franka')
     name = engine.names[0]
     for value in np.arange(0.9, 5.0, 0.9):
@@ -532,9 +518,7 @@ def test_a_reflex_at_the_start_compares_a_released_joint_alone_with_zero() -> No
 
 
 @pytest.mark.parametrize('convention', ROBOTS)
-def test_a_recording_of_a_convention_verifies_and_another_one_is_a_what_if(
-    convention: str, tmp_path
-) -> None:
+def test_a_recording_of_a_convention_verifies_and_another_one_is_a_what_if(convention, tmp_path):
     n = len(POSES[convention][0])
     settings = {'robot': ROBOTS[convention], 'initial_positions': POSES[convention][0]}
     settings |= {'convention': convention, 'armature': True, 'joint_friction': COULOMB[:n]}
@@ -562,7 +546,7 @@ def joint_values(n: int, place: int, value: float) -> list[float]:
     return [float(value) if k == place else 0.0 for k in range(n)]
 
 
-def test_the_motion_of_a_test_has_efforts_in_the_units_of_their_limits(tmp_path) -> None:
+def test_the_motion_of_a_test_has_efforts_in_the_units_of_their_limits(tmp_path):
     usual = {'robot': 'panda', 'convention': 'franka', 'torque_constant': (10.0,) * 7}
     for kind, unit in (('torque', 1.0), ('current', 10.0)):
         path = tmp_path / f'{kind}.mcap'
@@ -579,7 +563,7 @@ def test_the_motion_of_a_test_has_efforts_in_the_units_of_their_limits(tmp_path)
 
 def test_limits_of_efforts_are_those_of_the_motors_where_states_show_torques_with_gravity(
     tmp_path,
-) -> None:
+):
     # Gravity takes 47 N m at the second joint, whose limit is 87 N m.
     usual = {'robot': 'panda', 'convention': 'franka', 'armature': True, 'reflex_effort_rate': 0.0}
     usual['initial_positions'] = (0.0, 0.9, 0.0, -1.0, 0.0, 1.5, 0.0)

@@ -108,16 +108,10 @@ def described(*blocks: str, **chosen: Any) -> DescribedRobot:
             [LACKING.format('effort', 'elbow')],
         ),
         # A joint that mimics another one is set by the hardware, and others are not in the states.
-        (
-            [block(joint('elbow') + bare('thumb') + bare('toe'), **ALWAYS)],
-            STOCK_TOPICS,
-            [],
-        ),
+        ([block(joint('elbow') + bare('thumb') + bare('toe'), **ALWAYS)], STOCK_TOPICS, []),
     ],
 )
-def test_topics_are_read_and_hardware_that_loses_commands_is_warned_of(
-    blocks: list[str], topics: dict[str, str], warnings: list[str]
-) -> None:
+def test_topics_are_read_and_hardware_that_loses_commands_is_warned_of(blocks, topics, warnings):
     found = described(*blocks)
     assert found.topics == topics
     assert len(found.warnings) == len(warnings)
@@ -138,16 +132,14 @@ def test_topics_are_read_and_hardware_that_loses_commands_is_warned_of(
         ),
     ],
 )
-def test_a_block_that_breaks_its_format_is_refused_with_the_way_out(
-    blocks: list[str], text: str
-) -> None:
+def test_a_block_that_breaks_its_format_is_refused_with_the_way_out(blocks, text):
     with pytest.raises(ValueError, match=f'(?s){text}.*ros2_control:=false'):
         described(*blocks)
     unread = described(*blocks, ros2_control=False)
     assert (unread.topics, unread.settings.initial_positions) == ({}, ())
 
 
-def test_initial_values_are_taken_in_the_order_of_the_joints_where_none_are_given() -> None:
+def test_initial_values_are_taken_in_the_order_of_the_joints_where_none_are_given():
     values = block(joint('shoulder', ' -1.5e-1 ') + joint('finger', '0.04'), MOCK)
     found = described(values, joints=('elbow', 'shoulder'))
     assert found.settings.initial_positions == (0.0, -0.15)
@@ -166,7 +158,7 @@ def test_initial_values_are_taken_in_the_order_of_the_joints_where_none_are_give
     assert "of ['shoulder', 'finger'] differ between" in found.warnings[0]
 
 
-def test_joints_whose_range_excludes_0_start_in_its_middle_unless_something_says_where() -> None:
+def test_joints_whose_range_excludes_0_start_in_its_middle_unless_something_says_where():
     moved = LIMITS.format(1, 2)
     text = gripper_arm.with_block(block(joint('shoulder', '0.5')))
     text = text.replace(LIMITS.format(-3, 3), moved)
@@ -210,7 +202,7 @@ def hand(*followers: str) -> str:
     )
 
 
-def test_joints_that_follow_locked_ones_are_locked_where_they_follow_them() -> None:
+def test_joints_that_follow_locked_ones_are_locked_where_they_follow_them():
     text = hand(
         follower('b', 'a', 'multiplier="-2" offset="0.1"'),
         follower('c', 'b', ''),
@@ -224,7 +216,7 @@ def test_joints_that_follow_locked_ones_are_locked_where_they_follow_them() -> N
     assert described_robot(alone, text).settings.locks['c'] == 0.5
 
 
-def test_the_description_of_a_robot_from_another_format_is_a_urdf_of_it() -> None:
+def test_the_description_of_a_robot_from_another_format_is_a_urdf_of_it():
     found = described_robot(Settings(), 'planar2')
     assert found.urdf is None
     assert pfd.load_robot(found.text).joint_names == found.robot.joint_names
@@ -250,7 +242,7 @@ def altered_descriptions(draw: st.DrawFn) -> str:
 
 @settings(max_examples=3 * settings().max_examples)
 @given(altered_descriptions())
-def test_altered_descriptions_are_read_or_refused_with_a_reason(text: str) -> None:
+def test_altered_descriptions_are_read_or_refused_with_a_reason(text):
     try:
         urdf = pfd.read_urdf(text)
     except ValueError:
@@ -270,12 +262,12 @@ def test_altered_descriptions_are_read_or_refused_with_a_reason(text: str) -> No
 
 
 @pytest.mark.parametrize('text', ['puma560', '', 'a.urdf', 'name: x\n', '<robot'])
-def test_a_text_that_is_no_urdf_is_refused_with_its_label(text: str) -> None:
+def test_a_text_that_is_no_urdf_is_refused_with_its_label(text):
     with pytest.raises(ValueError, match=r'/robot_description is not a URDF|unclosed|XML'):
         parsed_urdf(text, '/robot_description')
 
 
-def test_the_cure_for_a_tree_locks_joints_within_their_limits() -> None:
+def test_the_cure_for_a_tree_locks_joints_within_their_limits():
     far = '<limit lower="0.5" upper="1" velocity="3" effort="40"/>'
     tree = urdf(
         'tree',
@@ -297,7 +289,7 @@ def test_the_cure_for_a_tree_locks_joints_within_their_limits() -> None:
     assert str(refused.value).endswith(cure)
 
 
-def test_patterns_and_joints_beyond_the_tip_are_locked_and_published_by_name() -> None:
+def test_patterns_and_joints_beyond_the_tip_are_locked_and_published_by_name():
     text = gripper_arm.with_block('')
     found = described_robot(Settings(locked=('fin*',), locked_positions=(0.01,)), text)
     assert found.settings.locks == {'finger': 0.01, 'thumb': -0.01}
@@ -324,7 +316,7 @@ def transforms(data: bytes) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize('name', ['puma560', 'ur5', 'planar2'])
-def test_the_frames_of_the_links_lead_to_the_pose_of_the_tip(name: str) -> None:
+def test_the_frames_of_the_links_lead_to_the_pose_of_the_tip(name):
     robot = pfd.load_robot(name)
     urdf_of_robot = parsed_urdf(pfd.robot_to_urdf(robot), 'it')
     frames = LinkFrames(urdf_of_robot, robot.joint_names, {}, 1)
@@ -344,7 +336,7 @@ def test_the_frames_of_the_links_lead_to_the_pose_of_the_tip(name: str) -> None:
     np.testing.assert_allclose(pose, expected, rtol=0, atol=1e-12)
 
 
-def test_locked_joints_and_their_followers_have_fixed_frames() -> None:
+def test_locked_joints_and_their_followers_have_fixed_frames():
     text = gripper_arm.urdf()
     found = described_robot(Settings(locked=('finger',), recording='x.mcap'), text)
     frames = found.recorded_frames(found.settings, pytest.fail)
@@ -356,7 +348,7 @@ def test_locked_joints_and_their_followers_have_fixed_frames() -> None:
     np.testing.assert_allclose(moving['upper'][3:], [0, np.sin(0.25), 0, np.cos(0.25)], atol=1e-16)
 
 
-def test_an_arm_with_frames_puts_them_out_at_their_rate_with_the_true_positions() -> None:
+def test_an_arm_with_frames_puts_them_out_at_their_rate_with_the_true_positions():
     given_settings = Settings(robot='planar2', recording='x.mcap', recording_tf_rate=500.0)
     found = described_robot(given_settings, 'planar2')
     frames = found.recorded_frames(found.settings, pytest.fail)
@@ -369,7 +361,7 @@ def test_an_arm_with_frames_puts_them_out_at_their_rate_with_the_true_positions(
     assert described_robot(none, 'planar2').recorded_frames(Settings(), pytest.fail) is None
 
 
-def test_arguments_of_a_xacro_file_are_settings_of_the_arm(tmp_path) -> None:
+def test_arguments_of_a_xacro_file_are_settings_of_the_arm(tmp_path):
     head = (
         '<robot name="$(arg name)" xmlns:xacro="http://www.ros.org/wiki/xacro">'
         '<xacro:arg name="mass" default="1"/>'
@@ -391,7 +383,7 @@ def test_arguments_of_a_xacro_file_are_settings_of_the_arm(tmp_path) -> None:
 
 def test_the_tip_and_the_numbers_of_a_robot_by_name_are_published_and_recorded(
     tmp_path, monkeypatch
-) -> None:
+):
     monkeypatch.setenv('ROS_PACKAGE_PATH', str(tmp_path))
     (tmp_path / 'package.xml').write_text('<package><name>pendulum</name></package>')
     (tmp_path / 'arm.urdf').write_text(pendulum())

@@ -1,16 +1,20 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`pfd init`: its packages pass their tests, show faults and build; the action that runs them."""
+"""`pfd init`: its packages pass their tests and show faults; the action; launch files."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+import dataclasses
 from importlib import import_module
 import os
 from pathlib import Path
 import re
+import runpy
 import shutil
 import subprocess
 import sys
+from types import ModuleType
 from typing import Any
 import xml.etree.ElementTree as ElementTree
 
@@ -18,14 +22,14 @@ import gripper_arm
 from gripper_arm import ARM
 from logs import STRING as STRING_TYPE
 from logs import Row, joint_state, string, write_mcap
-from plugin_sessions import run
+from plugin_sessions import session
 import pytest
 from ros_processes import HAS_ROS, PATIENCE, ROOT, example_robot
-from test_launch import Recorded, nodes, recorder  # noqa: F401, a fixture
 import yaml
 
 import pfd_core as pfd
 from pfd_ros import read_log
+from pfd_ros.arm.settings import Settings
 from pfd_ros.cli.main import main as pfd_main
 from pfd_ros.testing import LockstepArm
 
@@ -88,7 +92,7 @@ def replaced(path: Path, old: str, new: str) -> None:
         pytest.param(['--robot', 'ur5'], True, id='robot', marks=SLOW),
     ],
 )
-def test_the_tests_of_a_package_pass(site, folder, words: list[str], has_ros: bool) -> None:
+def test_the_tests_of_a_package_pass(site, folder, words, has_ros):
     if has_ros and not HAS_ROS:
         pytest.skip('rclpy is not installed')
     if '--bag' in words:
@@ -96,7 +100,7 @@ def test_the_tests_of_a_package_pass(site, folder, words: list[str], has_ros: bo
     package = init(*words)
     if not has_ros:
         (package / 'conftest.py').write_text("import sys\nsys.modules['rclpy'] = None\n")
-    assert ('8 passed' if has_ros else '6 passed, 2 skipped') in run(site, package)
+    assert ('8 passed' if has_ros else '6 passed, 2 skipped') in session(site, package)
 
 
 @pytest.mark.parametrize(
@@ -108,21 +112,17 @@ def test_the_tests_of_a_package_pass(site, folder, words: list[str], has_ros: bo
         pytest.param('scene=SCENE)', f'scene={WITHOUT_GRAVITY})', 5, id='gravity'),
     ],
 )
-def test_a_fault_of_the_law_fails_tests_and_is_on_their_pages(
-    site, folder, right: str, wrong: str, failed
-) -> None:
+def test_a_fault_of_the_law_fails_tests_and_is_on_their_pages(site, folder, right, wrong, failed):
     package = init('--urdf', 'arm.urdf')
     replaced(package / 'mine' / 'law.py', right, wrong)
     options = ['-k', 'not node', '--sim-arm-artifacts', str(folder / 'pages')]
-    assert f'{failed} failed' in run(site, package, options, status=1)
+    assert f'{failed} failed' in session(site, package, options=options, status=1)
     pages = list((folder / 'pages').rglob('arm.html'))
     assert len(pages) == failed
     assert all('expected' in page.read_text(encoding='utf-8') for page in pages)
 
 
-def test_a_gripper_in_the_chain_is_a_note_whose_advice_works(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_gripper_in_the_chain_is_a_note_whose_advice_works(folder, capsys):
     z1 = str(example_robot('z1_description/urdf/z1.urdf'))
     init('--urdf', z1)
     advice = re.search("'jointGripper'.* --tip '(.*)' locks it", capsys.readouterr().out)
@@ -132,9 +132,7 @@ def test_a_gripper_in_the_chain_is_a_note_whose_advice_works(
     assert 'jointGripper' not in capsys.readouterr().out.partition(', locked')[0]
 
 
-def test_an_arm_that_gravity_nearly_overloads_is_taken_with_a_note(
-    site, folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_arm_that_gravity_nearly_overloads_is_taken_with_a_note(site, folder, capsys):
     talos = str(example_robot('talos_data/robots/talos_left_arm.urdf'))
     assert pfd_main(['init', 'mine', '--urdf', talos]) == 1
     advice = re.search("'gripper_left_joint'.* --tip '(.*)' locks it", capsys.readouterr().err)
@@ -142,10 +140,10 @@ def test_an_arm_that_gravity_nearly_overloads_is_taken_with_a_note(
     package = init('--urdf', talos, '--tip', advice[1])
     assert re.search("note: joint 'arm_left_2_joint' is nearly too weak", capsys.readouterr().out)
     # Its friction is more than half of what the law answers to a large error.
-    assert '6 passed' in run(site, package, ['-k', 'not node'])
+    assert '6 passed' in session(site, package, options=['-k', 'not node'])
 
 
-def test_each_value_has_its_source_and_is_that_of_the_model(folder) -> None:
+def test_each_value_has_its_source_and_is_that_of_the_model(folder):
     package = init('--urdf', 'arm.urdf')
     lines = (package / 'mine' / 'arm.yaml').read_text(encoding='utf-8').splitlines()
     values = [line for line in lines if re.match(r' {4,}[^ #].*: [^#]', line)]
@@ -201,9 +199,7 @@ SCENE = pfd.Scene(
 
 
 @pytest.mark.parametrize(('settings', 'numbers', 'left'), RECORDED.values(), ids=RECORDED)
-def test_a_recording_gives_its_arm_and_says_what_is_left(
-    folder, capsys, settings: dict[str, Any], numbers: dict[str, Any], left: set[str]
-) -> None:
+def test_a_recording_gives_its_arm_and_says_what_is_left(folder, capsys, settings, numbers, left):
     start = [0.25, -0.5]
     SCENE.save('scene.yaml')
     record(folder, publish_rate=RATE, initial_positions=start, **settings)
@@ -237,7 +233,7 @@ def test_a_recording_gives_its_arm_and_says_what_is_left(
         pytest.param(gripper_arm.with_block(''), id='without-a-block'),
     ],
 )
-def test_a_block_for_ros2_control_replaces_those_of_any_urdf(folder, text: str) -> None:
+def test_a_block_for_ros2_control_replaces_those_of_any_urdf(folder, text):
     (folder / 'arm.urdf').write_text(text, encoding='utf-8')
     root = ElementTree.parse(init('--urdf', 'arm.urdf', '--ros2-control') / 'mine' / 'arm.urdf')
     joints = [joint.get('name') for joint in root.findall('ros2_control/joint')]
@@ -248,7 +244,7 @@ def test_a_block_for_ros2_control_replaces_those_of_any_urdf(folder, text: str) 
         assert [x.get('name') for x in root.findall(tag)] == [x.get('name') for x in given]
 
 
-def test_logs_of_real_arms_give_rate_and_start(folder, real_arms, tmp_path) -> None:
+def test_logs_of_real_arms_give_rate_and_start(folder, real_arms, tmp_path):
     log = real_arms / 'ur10_exciting_trajectory'
     # Its joints have the names of the UR5 that is included.
     package = init('--bag', str(log), '--robot', 'ur5')
@@ -261,8 +257,8 @@ def test_logs_of_real_arms_give_rate_and_start(folder, real_arms, tmp_path) -> N
 
 @pytest.mark.parametrize('kind', ['drivers begin with NaN', 'a node for each joint'])
 def test_a_foreign_bag_gives_its_robot_the_first_finite_state_and_the_rate_of_the_stamps(
-    folder, kind: str
-) -> None:
+    folder, kind
+):
     topics = {'/robot_description': STRING_TYPE}
     rows = [Row('/robot_description', 999.0, string(gripper_arm.urdf()))]
     for k in range(60):
@@ -280,7 +276,7 @@ def test_a_foreign_bag_gives_its_robot_the_first_finite_state_and_the_rate_of_th
     assert (arm['initial_positions'], arm['publish_rate']) == ([0.3, 0.2], RATE)
 
 
-def test_a_bag_with_two_robots_is_refused_by_their_topics(folder, capsys) -> None:
+def test_a_bag_with_two_robots_is_refused_by_their_topics(folder, capsys):
     topics = dict.fromkeys(('/left/robot_description', '/right/robot_description'), STRING_TYPE)
     texts = gripper_arm.urdf(), gripper_arm.urdf().replace('mass value="1"', 'mass value="2"')
     rows = [Row(topic, 1.0, string(text)) for topic, text in zip(topics, texts, strict=True)]
@@ -290,7 +286,7 @@ def test_a_bag_with_two_robots_is_refused_by_their_topics(folder, capsys) -> Non
     assert not (folder / 'mine').exists()
 
 
-def test_a_package_is_formatted_and_free_of_lint(folder) -> None:
+def test_a_package_is_formatted_and_free_of_lint(folder):
     package = init('--urdf', 'arm.urdf', '--ros2-control')
     for command in (RUFF, [*FORMAT, '--config', "format.quote-style='single'"]):
         tool = Path(sys.executable).with_name('ruff')
@@ -299,12 +295,7 @@ def test_a_package_is_formatted_and_free_of_lint(folder) -> None:
 
 
 @pytest.mark.parametrize('control', [False, True], ids=['direct', 'ros2_control'])
-def test_the_launch_file_starts_arm_and_controller(
-    folder: Path,
-    control: bool,
-    recorder: dict[str, type[Recorded]],  # noqa: F811
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_launch_file_starts_arm_and_controller(folder, control, recorder, monkeypatch):
     name = f'launched_{control}'.lower()
     package = init('--urdf', 'arm.urdf', *['--ros2-control'] * control, name=name)
     monkeypatch.syspath_prepend(str(package))
@@ -328,10 +319,9 @@ def test_the_launch_file_starts_arm_and_controller(
         assert yaml.safe_load(text)[block.get('name')]['ros__parameters']['use_sim_time'] is True
 
 
-@pytest.mark.ros
 def test_the_node_begins_at_the_first_state_with_a_finite_number_for_each_joint(
-    folder: Path, ros_domain, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    folder, ros_domain, monkeypatch
+):
     from sensor_msgs.msg import JointState
 
     monkeypatch.syspath_prepend(str(init('--urdf', 'arm.urdf', name='finite')))
@@ -375,9 +365,7 @@ def test_the_node_begins_at_the_first_state_with_a_finite_number_for_each_joint(
         ('mine', ['--bag', 'run.mcap', '--tip', 'upper'], "that of run.mcap, 'lower'"),
     ],
 )
-def test_what_cannot_be_done_is_refused_and_leaves_nothing(
-    folder, capsys, name: str, words: list[str], reason: str
-) -> None:
+def test_what_cannot_be_done_is_refused_and_leaves_nothing(folder, capsys, name, words, reason):
     (folder / 'there').mkdir()
     text = gripper_arm.urdf()
     (folder / 'weak.urdf').write_text(text.replace('effort="90"', 'effort="1"'))
@@ -394,8 +382,8 @@ def test_what_cannot_be_done_is_refused_and_leaves_nothing(
     assert sorted(folder.rglob('*')) == before
 
 
-def test_a_package_that_cannot_be_written_leaves_nothing(folder, monkeypatch) -> None:
-    def full(self: Path, target: Path) -> None:
+def test_a_package_that_cannot_be_written_leaves_nothing(folder, monkeypatch):
+    def full(self, target):
         raise OSError(28, 'No space left on device')
 
     monkeypatch.setattr(Path, 'rename', full)
@@ -413,7 +401,7 @@ def steps(values: dict[str, str]) -> list[dict[str, Any]]:
     return yaml.safe_load(text)['runs']['steps']
 
 
-def test_a_package_has_the_action_of_this_repository(folder) -> None:
+def test_a_package_has_the_action_of_this_repository(folder):
     package = init('--urdf', 'arm.urdf')
     path = ACTION.relative_to(ROOT)
     assert (package / path).read_bytes() == ACTION.read_bytes()
@@ -424,7 +412,7 @@ def test_a_package_has_the_action_of_this_repository(folder) -> None:
     assert {*last['with']} == {name for name, row in given.items() if row.get('required')}
 
 
-def test_the_action_without_sources_of_pfd_ros_names_the_variable_and_installs_nothing() -> None:
+def test_the_action_without_sources_of_pfd_ros_names_the_variable_and_installs_nothing():
     names = ('inputs.package', 'inputs.pfd_ros', 'runner.temp')
     install = steps(dict.fromkeys(names, ''))[0]
     done = subprocess.run(
@@ -440,14 +428,14 @@ def test_the_action_without_sources_of_pfd_ros_names_the_variable_and_installs_n
 
 
 @pytest.mark.slow
-def test_the_steps_of_the_action_install_test_and_keep_pages(folder) -> None:
+def test_the_steps_of_the_action_install_test_and_keep_pages(folder):
     package, home = init('--urdf', 'arm.urdf'), folder / 'runner'
     source = shutil.copytree(
         ROOT,
         folder / 'source',
         ignore=shutil.ignore_patterns('.git', '.venv', 'build', '.*_cache'),
     )
-    subprocess.run([sys.executable, '-m', 'venv', folder / 'env'], check=True, timeout=PATIENCE)
+    subprocess.run([sys.executable, '-m', 'venv', '--without-pip', folder / 'env'], check=True)
     (site,) = (folder / 'env').glob('lib/python*/site-packages')
     # Other packages are those of this environment, and nothing is fetched.
     (site / 'others.pth').write_text(str(Path(pytest.__file__).parents[1]), encoding='utf-8')
@@ -457,7 +445,7 @@ def test_the_steps_of_the_action_install_test_and_keep_pages(folder) -> None:
         'PIP_NO_DEPS': '1',
         'PIP_NO_BUILD_ISOLATION': '1',
         'RUNNER_TEMP': str(home),
-        'PYTEST_ADDOPTS': '-k "not node"',
+        'PYTEST_ADDOPTS': '-k tracks',
     }
     values = {
         'inputs.package': str(package),
@@ -465,32 +453,27 @@ def test_the_steps_of_the_action_install_test_and_keep_pages(folder) -> None:
         'runner.temp': str(home),
     }
     home.mkdir()
-    found = []
-    for fault in (False, True):
-        if fault:
+    install, test, upload = steps(values)
+    for step, status in ((install, 0), (test, 0), (test, 1)):
+        if status:
             replaced(package / 'mine' / 'law.py', '(r - q)', '(q - r)')
-        for step in steps(values):
-            if 'run' in step:
-                done = subprocess.run(
-                    ['bash', '--noprofile', '--norc', '-eo', 'pipefail', '-c', step['run']],
-                    cwd=home,
-                    env={**environment, **step.get('env', {})},
-                    capture_output=True,
-                    text=True,
-                    check=False,
-                    timeout=10 * PATIENCE,
-                )
-                found.append(done.returncode)
-                assert done.returncode == (fault and step['name'] == 'Test'), done.stdout
-    (upload,) = (step for step in steps(values) if 'uses' in step)
-    assert found == [0, 0, 0, 1]
+        done = subprocess.run(
+            ['bash', '--noprofile', '--norc', '-eo', 'pipefail', '-c', step['run']],
+            cwd=home,
+            env={**environment, **step['env']},
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=10 * PATIENCE,
+        )
+        assert done.returncode == status, done.stdout
     assert upload['if'] == 'failure()'
     kept = {path.name for path in Path(upload['with']['path']).rglob('*') if path.is_file()}
     assert {'arm.html', 'arm.mcap'} <= kept
 
 
 @pytest.mark.slow
-def test_colcon_builds_a_package(folder) -> None:
+def test_colcon_builds_a_package(folder):
     colcon = shutil.which('colcon', path=str(Path(sys.executable).parent))
     if colcon is None:
         pytest.skip('colcon is not installed')
@@ -518,3 +501,94 @@ def test_colcon_builds_a_package(folder) -> None:
     )
     assert told.startswith(str(gripper_arm.ARM))
     assert str(site) in told
+
+
+FOLDER = Path(__file__).resolve().parents[2] / 'launch'
+FILES = sorted(FOLDER.glob('*.launch.py'))
+MODULES = {
+    'launch': ['LaunchContext', 'LaunchDescription'],
+    'launch.actions': ['DeclareLaunchArgument', 'OpaqueFunction'],
+    'launch.substitutions': ['LaunchConfiguration'],
+    'launch_ros': [],
+    'launch_ros.actions': ['Node'],
+    'launch_ros.parameter_descriptions': ['ParameterValue'],
+}
+
+
+class Recorded:
+    """An object of a launch file that remembers its arguments."""
+
+    def __init__(self, *args: Any, **named: Any) -> None:
+        self.args, self.named = args, named
+
+    def perform(self, values: dict[str, str]) -> str:
+        return values[self.args[0]]
+
+
+@pytest.fixture
+def recorder(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, type[Recorded]]]:
+    """Put classes that only remember in the place of those of launch."""
+    kinds = {name: type(name, (Recorded,), {}) for names in MODULES.values() for name in names}
+    for module, names in MODULES.items():
+        stub = ModuleType(module)
+        vars(stub).update({name: kinds[name] for name in names})
+        monkeypatch.setitem(sys.modules, module, stub)
+    return kinds
+
+
+def nodes(path: Path, kinds: dict[str, type[Recorded]], urdf: Path) -> list[dict[str, Any]]:
+    """Return the arguments of the nodes that a launch file starts."""
+    (entities,) = runpy.run_path(str(path))['generate_launch_description']().args
+    found = []
+    for entity in entities:
+        if isinstance(entity, kinds['OpaqueFunction']):
+            found += entity.named['function']({'urdf': str(urdf)})
+        elif isinstance(entity, kinds['Node']):
+            found.append(entity)
+    return [node.named for node in found]
+
+
+@pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
+def test_a_launch_file_starts_arms_with_parameters_that_they_have(path, recorder, tmp_path):
+    urdf = tmp_path / 'arm.urdf'
+    urdf.write_text(gripper_arm.urdf())
+    known = {field.metadata['name'] or field.name for field in dataclasses.fields(Settings)}
+    started = nodes(path, recorder, urdf)
+    arms = [node for node in started if node['package'] == 'pfd_ros']
+    assert len(arms) == (2 if path.name.startswith('two') else 1)
+    for arm in arms:
+        assert (arm['executable'], arm['name']) == ('sim_node', 'sim_arm')
+        (parameters,) = arm['parameters']
+        assert set(parameters) <= known
+    others = [node for node in started if node not in arms]
+    assert all(node['parameters'][0]['use_sim_time'] is True for node in others)
+
+
+def test_one_of_two_arms_publishes_the_clock_that_the_other_follows(recorder):
+    arms = nodes(FOLDER / 'two_arms.launch.py', recorder, Path())
+    keys = ('publish_clock', 'time_source')
+    told = {arm['namespace']: [arm['parameters'][0][key] for key in keys] for arm in arms}
+    assert told == {'left': [True, 'own'], 'right': [False, 'clock']}
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
+def test_a_launch_file_runs(path, tmp_path):
+    launch = pytest.importorskip('launch')
+    pytest.importorskip('launch_ros')
+    from launch.actions import IncludeLaunchDescription, Shutdown, TimerAction
+    from launch.launch_description_sources import PythonLaunchDescriptionSource
+
+    urdf = tmp_path / 'arm.urdf'
+    urdf.write_text(gripper_arm.urdf())
+    source = PythonLaunchDescriptionSource(str(path))
+    service = launch.LaunchService(noninteractive=True)
+    service.include_launch_description(
+        launch.LaunchDescription(
+            [
+                IncludeLaunchDescription(source, launch_arguments=[('urdf', str(urdf))]),
+                TimerAction(period=5.0, actions=[Shutdown()]),
+            ]
+        )
+    )
+    assert service.run() == 0

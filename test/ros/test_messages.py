@@ -101,9 +101,7 @@ def bits(values: Any) -> bytes:
 
 
 @given(st.data(), STAMPS, TEXTS, NAMES, st.dictionaries(TEXTS, NUMBER, max_size=2))
-def test_others_read_the_states_we_write(
-    read, data: st.DataObject, stamp: int, frame_id: str, names: list[str], fixed: dict[str, float]
-) -> None:
+def test_others_read_the_states_we_write(read, data, stamp, frame_id, names, fixed):
     rows = data.draw(several(3, len(names)))
     encoder = joint_encoder(names, frame_id, fixed)
     written = encoder.encode(stamp, rows)
@@ -121,9 +119,7 @@ def test_others_read_the_states_we_write(
 
 
 @given(st.data(), STAMPS, TEXTS, NAMES, st.sets(st.sampled_from(JOINT_FIELDS), min_size=1))
-def test_an_encoder_of_some_fields_leaves_the_others_empty(
-    data: st.DataObject, stamp: int, frame_id: str, names: list[str], chosen: set[str]
-) -> None:
+def test_an_encoder_of_some_fields_leaves_the_others_empty(data, stamp, frame_id, names, chosen):
     fields = [name for name in JOINT_FIELDS if name in chosen]
     rows = data.draw(several(len(fields), len(names)))
     written = joint_encoder(names, frame_id, fields=fields).encode(stamp, rows)
@@ -132,9 +128,7 @@ def test_an_encoder_of_some_fields_leaves_the_others_empty(
 
 
 @given(STAMPS, TEXTS, NAMES, st.tuples(*[st.lists(NUMBER, max_size=4)] * 3))
-def test_we_read_any_joint_state_that_rclpy_writes(
-    write, stamp: int, frame_id: str, names: list[str], arrays: tuple[list[float], ...]
-) -> None:
+def test_we_read_any_joint_state_that_rclpy_writes(write, stamp, frame_id, names, arrays):
     from sensor_msgs.msg import JointState
 
     message = JointState(name=names, position=arrays[0], velocity=arrays[1], effort=arrays[2])
@@ -147,7 +141,7 @@ def test_we_read_any_joint_state_that_rclpy_writes(
             assert bits(values) == bits(wanted)
 
 
-def test_names_that_begin_like_those_of_the_message_before_are_read_anew() -> None:
+def test_names_that_begin_like_those_of_the_message_before_are_read_anew():
     for names in (('a', 'b'), ('a',), ('a', 'b', 'c'), ('a', 'b'), ('ab',), ()):
         data = encode_joints(names, np.arange(len(names)), frame_id='base')
         got = decode_joints(data)
@@ -177,8 +171,8 @@ FIELDS = {
 @pytest.mark.parametrize('kind', MESSAGE_NUMBERS)
 @given(st.data(), STAMPS, TEXTS)
 def test_others_read_headed_numbers_as_we_write_them_and_so_do_we(
-    read, kind: str, data: st.DataObject, stamp: int, frame_id: str
-) -> None:
+    read, kind, data, stamp, frame_id
+):
     numbers = data.draw(several(len(MESSAGE_NUMBERS[kind])))
     written = numbers_encoder(kind, frame_id).encode(stamp, numbers)
     assert encode_numbers(kind, stamp, frame_id, numbers) == written
@@ -190,15 +184,13 @@ def test_others_read_headed_numbers_as_we_write_them_and_so_do_we(
 
 
 @given(STAMPS)
-def test_others_read_the_clock_we_write_and_so_do_we(read, stamp: int) -> None:
+def test_others_read_the_clock_we_write_and_so_do_we(read, stamp):
     assert nanoseconds(read(encode_clock(stamp), CLOCK_TYPE).clock) == stamp
     assert decode_clock(encode_clock(stamp)) == stamp
 
 
 @given(st.data(), STAMPS, st.lists(st.tuples(TEXTS, TEXTS), max_size=4))
-def test_others_read_the_frames_we_write(
-    read, data: st.DataObject, stamp: int, frames: list[tuple[str, str]]
-) -> None:
+def test_others_read_the_frames_we_write(read, data, stamp, frames):
     numbers = data.draw(several(len(frames), 7))
     message = read(transform_encoder(frames).encode(stamp, numbers), TRANSFORMS_TYPE)
     assert len(message.transforms) == len(frames)
@@ -209,7 +201,7 @@ def test_others_read_the_frames_we_write(
         assert bits([place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w]) == bits(wanted)
 
 
-def test_others_read_the_arrays_we_write_with_their_layout_and_so_do_we(read) -> None:
+def test_others_read_the_arrays_we_write_with_their_layout_and_so_do_we(read):
     values = np.arange(6.0).reshape(2, 3)
     layout = [('row', ('x', 'yy')), ('column', ('a', 'b', 'c'))]
     data = array_encoder(layout).encode(0, values)
@@ -221,7 +213,7 @@ def test_others_read_the_arrays_we_write_with_their_layout_and_so_do_we(read) ->
 
 
 @given(st.lists(TEXTS, max_size=3), st.lists(NUMBER, max_size=5))
-def test_we_read_arrays_with_any_layout(write, labels: list[str], values: list[float]) -> None:
+def test_we_read_arrays_with_any_layout(write, labels, values):
     from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
     message = Float64MultiArray(data=values)
@@ -232,19 +224,19 @@ def test_we_read_arrays_with_any_layout(write, labels: list[str], values: list[f
 
 
 @given(TEXTS)
-def test_others_read_the_text_we_write_and_so_do_we(read, text: str) -> None:
+def test_others_read_the_text_we_write_and_so_do_we(read, text):
     assert read(encode_string(text), STRING_TYPE).data == text
     assert decode_string(encode_string(text)) == text
 
 
-def test_half_of_a_surrogate_pair_is_written_as_an_escape() -> None:
+def test_half_of_a_surrogate_pair_is_written_as_an_escape():
     assert decode_string(encode_string('a\ud800')) == 'a\\ud800'
 
 
 # ---- bytes that no writer of ROS 2 sends
 
 
-def test_a_message_from_a_big_endian_machine_is_read() -> None:
+def test_a_message_from_a_big_endian_machine_is_read():
     head = b'\x00\x00\x00\x00'
     # Eight-byte numbers begin at a multiple of eight after the header: four bytes of padding.
     data = head + struct.pack('>III', 0, 0, 1) + bytes(4) + struct.pack('>d', 2.5)
@@ -259,7 +251,7 @@ def test_a_message_from_a_big_endian_machine_is_read() -> None:
     assert arrays['position'].tolist() == [[2.5]]
 
 
-def test_a_message_that_ends_early_is_refused_wherever_it_ends() -> None:
+def test_a_message_that_ends_early_is_refused_wherever_it_ends():
     data = encode_joints(['a', 'b'], [1.0, 2.0], [1.0, 2.0], [1.0, 2.0], STAMP, 'base')
     decode_joints(data)
     for size in range(len(data)):
@@ -268,7 +260,7 @@ def test_a_message_that_ends_early_is_refused_wherever_it_ends() -> None:
 
 
 @pytest.mark.parametrize('head', [b'\x00\x03\x00\x00', b'\x00\x0b\x00\x00', b'ab', b''])
-def test_an_encoding_other_than_plain_cdr_is_refused(head: bytes) -> None:
+def test_an_encoding_other_than_plain_cdr_is_refused(head):
     with pytest.raises(ValueError, match='expected plain CDR'):
         decode_floats(head + bytes(12) if head else head)
 
@@ -290,13 +282,13 @@ def joint_state(names: bytes) -> bytes:
         (struct.pack('<II', 0, 3) + bytes(23), 'message ends at byte'),
     ],
 )
-def test_a_malformed_string_or_sequence_is_refused(names: bytes, expected: str) -> None:
+def test_a_malformed_string_or_sequence_is_refused(names, expected):
     with pytest.raises(ValueError, match=expected) as error:
         decode_joints(joint_state(names))
     assert type(error.value) is ValueError
 
 
-def test_an_empty_string_may_come_without_its_zero() -> None:
+def test_an_empty_string_may_come_without_its_zero():
     got = decode_joints(joint_state(struct.pack('<III', 2, 0, 0) + bytes(12)))
     assert got.names == ('', '')
 
@@ -335,7 +327,7 @@ def strange_bytes(draw: st.DrawFn, whole: bytes) -> bytes:
 
 @pytest.mark.parametrize('decoder', DECODERS)
 @given(st.data())
-def test_garbage_is_read_or_refused_with_a_value_error(decoder: str, data: st.DataObject) -> None:
+def test_garbage_is_read_or_refused_with_a_value_error(decoder, data):
     decode, whole = DECODERS[decoder]
     decode(whole)
     try:
@@ -346,7 +338,7 @@ def test_garbage_is_read_or_refused_with_a_value_error(decoder: str, data: st.Da
         event('read')
 
 
-def test_a_time_with_a_second_or_more_of_nanoseconds_is_refused() -> None:
+def test_a_time_with_a_second_or_more_of_nanoseconds_is_refused():
     for decoder in ('state', 'clock', *MESSAGE_NUMBERS):
         decode, data = DECODERS[decoder]
         for rest in (10**9, 2**32 - 1):
@@ -370,9 +362,7 @@ def fields_of(data: bytes) -> dict[str, Any]:
 
 
 @given(st.data(), st.booleans())
-def test_joint_states_read_together_are_those_read_one_by_one(
-    data: st.DataObject, altered: bool
-) -> None:
+def test_joint_states_read_together_are_those_read_one_by_one(data, altered):
     encoder = joint_encoder(['a', 'bcd'], 'base')
     messages = [encoder.encode(k * STAMP, np.full((3, 2), k / 3)) for k in range(3)]
     if altered:
@@ -389,7 +379,7 @@ def test_joint_states_read_together_are_those_read_one_by_one(
             assert bits(arrays[name][k]).startswith(wanted[name])
 
 
-def test_another_type_of_the_name_is_read_by_its_definition() -> None:
+def test_another_type_of_the_name_is_read_by_its_definition():
     text = 'int32 count\nstring[] name\nfloat64[] position\nfloat32[] velocity\nfloat64[] effort\n'
     decoder = Decoder(JOINT_STATE_TYPE, text)
     data = HEADER + struct.pack('<iIIIfI', 7, 0, 0, 1, 0.5, 0)
@@ -398,7 +388,7 @@ def test_another_type_of_the_name_is_read_by_its_definition() -> None:
 
 
 @pytest.mark.parametrize('padding', [b'\xff', b'x'])
-def test_padding_of_any_value_leaves_joint_states_equal(padding: bytes) -> None:
+def test_padding_of_any_value_leaves_joint_states_equal(padding):
     # Behind 'a' and its zero are two bytes of padding, and rclpy leaves them as they were.
     messages = [bytearray(encode_joints(['a', 'b'], [k, 0.5], stamp_ns=k)) for k in range(300)]
     at = bytes(messages[0]).index(b'a\0') + 2
@@ -409,7 +399,7 @@ def test_padding_of_any_value_leaves_joint_states_equal(padding: bytes) -> None:
     assert arrays['position'][:, 0].tolist() == list(range(300))
 
 
-def test_numbers_in_nested_messages_are_columns_filled_up_with_nan() -> None:
+def test_numbers_in_nested_messages_are_columns_filled_up_with_nan():
     frames = [('base', 'a'), ('a', 'b')]
     messages = [
         transform_encoder(frames[:k]).encode(k, np.arange(14.0).reshape(2, 7)[:k]) for k in (1, 2)
@@ -426,7 +416,7 @@ def test_numbers_in_nested_messages_are_columns_filled_up_with_nan() -> None:
     assert none['transforms.transform.rotation.w'].shape == (1, 0)
 
 
-def test_blocks_are_joined_with_shorter_rows_filled_up() -> None:
+def test_blocks_are_joined_with_shorter_rows_filled_up():
     decoder = Decoder(FLOAT_ARRAY_TYPE)
     blocks = [decoder.read([encode_floats(range(k))] * 2)[0] for k in (1, 3)]
     data = joined_columns([block['data'] for block in blocks])
@@ -436,7 +426,7 @@ def test_blocks_are_joined_with_shorter_rows_filled_up() -> None:
     assert equal.tolist() == [[0.0, 1.0, 2.0]] * 4
 
 
-def test_one_long_row_among_many_short_ones_is_refused() -> None:
+def test_one_long_row_among_many_short_ones_is_refused():
     decoder = Decoder(FLOAT_ARRAY_TYPE)
     messages = [encode_floats(np.zeros(100_000)), *[encode_floats([])] * 1000]
     with pytest.raises(ValueError, match='read a shorter window'):
@@ -477,7 +467,7 @@ def nested(depth: int, times: int = 1) -> str:
     ],
     ids=range(12),
 )
-def test_a_hostile_definition_is_refused_at_once(definition: str, expected: str) -> None:
+def test_a_hostile_definition_is_refused_at_once(definition, expected):
     with pytest.raises(ValueError, match=expected):
         Decoder('a/msg/A0', definition)
 
@@ -490,7 +480,7 @@ def test_a_hostile_definition_is_refused_at_once(definition: str, expected: str)
         'int8 X=3\n',
     ],
 )
-def test_names_defaults_bounds_and_constants_of_definitions_are_read(definition: str) -> None:
+def test_names_defaults_bounds_and_constants_of_definitions_are_read(definition):
     types = get_types_from_msg(definition.replace('\r', ''), 'a/msg/A')
     fields = [name for name, _ in types['a/msg/A'][1]]
     assert list(Decoder('a/msg/A', definition).paths) == fields
@@ -500,7 +490,7 @@ def test_names_defaults_bounds_and_constants_of_definitions_are_read(definition:
 
 
 @pytest.mark.parametrize('kind', [JOINT_STATE_TYPE, TRANSFORMS_TYPE, CLOCK_TYPE])
-def test_a_definition_is_that_of_the_hash_by_which_peers_know_a_type(kind: str) -> None:
+def test_a_definition_is_that_of_the_hash_by_which_peers_know_a_type(kind):
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(definition_text(kind), kind))
     assert store.hash_rihs01(kind) == type_hash(kind)
@@ -508,14 +498,14 @@ def test_a_definition_is_that_of_the_hash_by_which_peers_know_a_type(kind: str) 
 
 
 @pytest.mark.parametrize('kind', ['nix_msgs/msg/Nix', 'JointState', ''])
-def test_an_unknown_type_is_named(kind: str) -> None:
+def test_an_unknown_type_is_named(kind):
     for look_up in (definition_text, type_hash):
         with pytest.raises(ValueError, match=f"message type '{kind}' is unknown"):
             look_up(kind)
 
 
 @pytest.mark.ros
-def test_the_hashes_are_those_that_ros_installed() -> None:
+def test_the_hashes_are_those_that_ros_installed():
     share = Path(sys.prefix, 'share', 'sensor_msgs', 'msg', 'JointState.json')
     if not share.exists():
         pytest.skip('ROS is not installed in this environment')
@@ -528,7 +518,7 @@ def test_the_hashes_are_those_that_ros_installed() -> None:
 @pytest.mark.parametrize(
     'qos', [Qos(), Qos(3, reliable=False, transient_local=True), Qos(1, True)]
 )
-def test_the_qos_that_we_write_is_read(qos: Qos) -> None:
+def test_the_qos_that_we_write_is_read(qos):
     assert offered_qos(qos_text(qos)) == qos
 
 
@@ -543,7 +533,7 @@ def test_the_qos_that_we_write_is_read(qos: Qos) -> None:
         ([{'reliability': 'best_effort'}], Qos(reliable=False)),
     ],
 )
-def test_the_strongest_of_several_offers_is_taken(offers: list[dict], expected: Qos) -> None:
+def test_the_strongest_of_several_offers_is_taken(offers, expected):
     assert offered_qos(yaml.safe_dump(offers)) == expected
 
 
@@ -557,7 +547,7 @@ def test_the_strongest_of_several_offers_is_taken(offers: list[dict], expected: 
         ),
     ).map(yaml.safe_dump)
 )
-def test_any_text_is_a_qos_or_one_error(text: str) -> None:
+def test_any_text_is_a_qos_or_one_error(text):
     try:
         found = offered_qos(text)
     except ValueError:
@@ -567,6 +557,6 @@ def test_any_text_is_a_qos_or_one_error(text: str) -> None:
 
 
 @pytest.mark.parametrize('text', ['[' * 500, '- depth: [1]', '- 1', 'a: 1', ' ' * 70_000])
-def test_a_text_that_is_no_list_of_qos_profiles_is_one_error(text: str) -> None:
+def test_a_text_that_is_no_list_of_qos_profiles_is_one_error(text):
     with pytest.raises(ValueError, match='QoS profile'):
         offered_qos(text)

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node as its users meet it on topics: commands, outputs, ros2_control, two arms."""
+"""The node as its users meet it on topics, and what it reports of other nodes and of itself."""
 
 from __future__ import annotations
 
@@ -10,12 +10,24 @@ from dataclasses import replace
 from importlib import import_module
 from itertools import cycle
 import signal
+import time
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
+import gripper_arm
 import numpy as np
 import pytest
-from ros_processes import JOINTS, MILLISECOND, Peer, Process, Processes, stamp_ns, trigger
+from ros_processes import (
+    JOINTS,
+    MILLISECOND,
+    Peer,
+    Process,
+    Processes,
+    description_publisher,
+    qos,
+    stamp_ns,
+    trigger,
+)
 
 import pfd_core as pfd
 from pfd_ros.arm.engine import LARGEST as LARGEST_INPUT
@@ -23,16 +35,15 @@ from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import OPTIONAL as OPTIONAL_OUTPUTS
 from pfd_ros.arm.events import ROLES as ARM_ROLES
 from pfd_ros.arm.settings import Settings
+from pfd_ros.recording.log import Log as RecordedLog
 from pfd_ros.replay.verify import verify as verify_log
 
-pytestmark = pytest.mark.ros
 NAN, INF = float('nan'), float('inf')
 ONE = [1.0] * 6
 # Of the commands of the arm; at depth 1 a busy machine would see some replaced by newer ones.
-DEPTHS = tuple(
-    part
-    for topic in ('joint_commands', 'sim_arm/commands')
-    for part in ('-p', f'qos_overrides./{topic}.subscription.depth:=20')
+DEPTHS = (
+    'qos_overrides./joint_commands.subscription.depth:=20',
+    'qos_overrides./sim_arm/commands.subscription.depth:=20',
 )
 
 
@@ -46,12 +57,10 @@ class Running(NamedTuple):
 @pytest.fixture(scope='module')
 def arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     """Return an arm for many tests, whose recording verifies in the end."""
-    settings = ('recording:=arm.mcap', 'start_time:=100.0', 'frame_id:=base')
-    settings = (*settings, 'external_wrench:=true')
-    args = [*(part for one in settings for part in ('-p', one)), *DEPTHS]
+    settings = ('recording:=arm.mcap', 'start_time:=100.0', 'frame_id:=base', *DEPTHS)
     processes, peer = Processes(tmp_path_factory.mktemp('topics')), None
     try:
-        process = processes.faulty('reports_often', *args)
+        process = processes.faulty('reports_often', *settings, 'external_wrench:=true')
         peer = Peer(processes.domain)
         peer.connect()
         yield Running(process, peer)
@@ -63,7 +72,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
         processes.close()
 
 
-def test_a_torque_goes_in_and_a_moving_arm_comes_out(arm) -> None:
+def test_a_torque_goes_in_and_a_moving_arm_comes_out(arm):
     peer = arm.peer
     first = peer.states[0]
     assert (list(first.name), first.header.frame_id) == (list(JOINTS), 'base')
@@ -90,7 +99,7 @@ REJECTED: list[tuple[str, list[str], list[float], dict[str, Any]]] = [
 ]
 
 
-def test_commands_are_taken_or_rejected_with_a_reason_on_a_topic_and_in_the_log(arm) -> None:
+def test_commands_are_taken_or_rejected_with_a_reason_on_a_topic_and_in_the_log(arm):
     from std_msgs.msg import String
 
     peer, heard = arm.peer, list[str]()
@@ -128,7 +137,7 @@ def test_commands_are_taken_or_rejected_with_a_reason_on_a_topic_and_in_the_log(
     peer.node.destroy_subscription(rejected)
 
 
-def test_a_trajectory_of_efforts_moves_the_arm_from_point_to_point(arm) -> None:
+def test_a_trajectory_of_efforts_moves_the_arm_from_point_to_point(arm):
     from builtin_interfaces.msg import Duration
     from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -144,7 +153,7 @@ def test_a_trajectory_of_efforts_moves_the_arm_from_point_to_point(arm) -> None:
     assert ((efforts > 0.3) & (efforts < 0.95)).any()
 
 
-def test_a_joint_without_a_command_is_braked_and_a_reset_brakes_all(arm) -> None:
+def test_a_joint_without_a_command_is_braked_and_a_reset_brakes_all(arm):
 
     peer = arm.peer
     assert trigger(peer, 'reset').success
@@ -158,11 +167,9 @@ def kind_of(package: str, name: str) -> Any:
     return getattr(import_module(f'{package}.msg'), name)
 
 
-def test_a_simulation_that_overflows_is_logged_and_ends_the_node_with_status_1(
-    processes, peer_of
-) -> None:
+def test_a_simulation_that_overflows_is_logged_and_ends_the_node_with_status_1(processes, peer_of):
     settings = ('effort_limits:=false', 'recording:=arm.mcap')
-    arm = processes.faulty('reports_often', *(p for one in settings for p in ('-p', one)))
+    arm = processes.faulty('reports_often', *settings)
     peer = peer_of(processes)
     peer.connect()
     # A state that overflows: the last finite one is sent on.
@@ -189,10 +196,8 @@ rclpy.spin(node)
 
 @pytest.mark.slow
 @pytest.mark.long
-def test_a_stopped_reliable_reader_stops_neither_the_arm_nor_its_states(
-    processes, peer_of
-) -> None:
-    arm = processes.arm('-p', 'real_time_factor:=100.0', '-p', 'step_size:=0.01')
+def test_a_stopped_reliable_reader_stops_neither_the_arm_nor_its_states(processes, peer_of):
+    arm = processes.arm('real_time_factor:=100.0', 'step_size:=0.01')
     reader = processes.python('-c', READER)
     reader.wait_for_text('heard')
     reader.process.send_signal(signal.SIGSTOP)
@@ -205,18 +210,18 @@ def test_a_stopped_reliable_reader_stops_neither_the_arm_nor_its_states(
 
 
 @pytest.mark.slow
-def test_a_servo_holds_after_the_last_command_and_a_reflex_is_logged(processes, peer_of) -> None:
+def test_a_servo_holds_after_the_last_command_and_a_reflex_is_logged(processes, peer_of):
     gains = [
-        ('-p', f'servo_{kind}.{joint}:={gain}')
+        f'servo_{kind}.{joint}:={gain}'
         for joint in JOINTS
         for kind, gain in (('p', '500.0'), ('d', '50.0'))
     ]
     arm = processes.faulty(
         'reports_often',
-        *(part for pair in gains for part in pair),
-        *('-p', 'armature:=true', '-p', 'torque_speed:=true', '-p', 'recording:=arm.mcap'),
-        *('-p', 'command_timeout:=0.2', '-p', 'on_timeout:=hold'),
-        *('-p', 'reflex_effort_rate:=50000.0'),
+        *gains,
+        *('armature:=true', 'torque_speed:=true', 'recording:=arm.mcap'),
+        *('command_timeout:=0.2', 'on_timeout:=hold'),
+        'reflex_effort_rate:=50000.0',
     )
     peer = peer_of(processes)
     peer.connect()
@@ -236,7 +241,7 @@ def test_a_servo_holds_after_the_last_command_and_a_reflex_is_logged(processes, 
 
 
 @pytest.mark.slow
-def test_readers_get_every_output_and_the_recording_verifies(processes, peer_of) -> None:
+def test_readers_get_every_output_and_the_recording_verifies(processes, peer_of):
     chosen = {
         'outputs': f'[{", ".join(OPTIONAL_OUTPUTS)}]',
         'noise.position': '0.001',
@@ -246,7 +251,7 @@ def test_readers_get_every_output_and_the_recording_verifies(processes, peer_of)
         'publish_rate': '200.0',
         'recording': 'arm.mcap',
     }
-    arm = processes.arm(*(p for k, v in chosen.items() for p in ('-p', f'{k}:={v}')))
+    arm = processes.arm(*(f'{name}:={value}' for name, value in chosen.items()))
     peer = peer_of(processes)
     got: dict[str, list[Any]] = {name: [] for name in OPTIONAL_OUTPUTS}
     for name in OPTIONAL_OUTPUTS:
@@ -274,7 +279,312 @@ def test_readers_get_every_output_and_the_recording_verifies(processes, peer_of)
     assert found.compared['joint_states'] < found.compared['true_states']
 
 
-def test_a_misspelt_parameter_among_many_of_other_nodes_is_named(processes) -> None:
+# Some rounds of reports of a node that reports often: a second finding would be among them.
+ROUNDS_SECONDS = 0.6
+# Relative error of accelerations of an ordinary arm in float64, far above its rounding.
+ROUNDING = 1e-13
+
+
+def reporting_often(processes: Processes, *ros_args: str) -> Process:
+    return processes.faulty('reports_often', *ros_args)
+
+
+def wait_for_reports(arm: Process) -> None:
+    time.sleep(ROUNDS_SECONDS)
+    assert arm.process.poll() is None
+
+
+def test_topics_types_and_the_order_of_joints_are_logged_and_once_that_nobody_commands(processes):
+    arm = reporting_often(
+        *(processes, 'robot:=planar2', 'joints:=[elbow, shoulder]'),
+        *('-r', '__ns:=/left', '-r', 'joint_commands:=effort', 'publish_clock:=false'),
+    )
+    for text in (
+        '/left/effort (sensor_msgs/msg/JointState: name and effort)',
+        '/left/sim_arm/commands (std_msgs/msg/Float64MultiArray: efforts in the order '
+        'elbow, shoulder)',
+        '/left/sim_arm/rejected (std_msgs/msg/String)',
+        '/left/joint_states (sensor_msgs/msg/JointState)\n',
+    ):
+        assert text in arm.text()
+    wanted = 'no publisher of commands on /left/effort (sensor_msgs/msg/JointState) or '
+    arm.wait_for_text(wanted)
+    wait_for_reports(arm)
+    assert arm.text().count(wanted) == 1
+
+
+def test_a_good_peer_causes_no_log_line(processes, peer_of):
+    # Without gravity the arm stays where it is, however long the reports take.
+    peer = peer_of(processes)
+    arm = reporting_often(processes, 'gravity:=[0.0, 0.0, 0.0]')
+    peer.connect()
+    peer.command(JOINTS, [0.0] * 6)
+    wait_for_reports(arm)
+    assert '[ERROR]' not in arm.text()
+    # Only the machine may be too slow.
+    warned = [line for line in arm.text().splitlines() if '[WARN]' in line]
+    assert all('periods missed' in line for line in warned), arm.text()
+
+
+def test_a_best_effort_publisher_is_named_with_the_parameter_that_helps(processes, peer_of):
+    from rclpy.qos import qos_profile_sensor_data
+    from sensor_msgs.msg import JointState
+
+    override = 'qos_overrides./joint_commands.subscription.reliability:=best_effort'
+    arm = reporting_often(processes)
+    peer = peer_of(processes)
+    commands = peer.node.create_publisher(JointState, 'joint_commands', qos_profile_sensor_data)
+    arm.wait_for_text("node '/peer' publishes /joint_commands with incompatible QoS")
+    assert f'publish reliable, or set {override}' in arm.text()
+    wait_for_reports(arm)
+    assert arm.text().count('incompatible QoS') == 1
+    arm.stop()
+    arm = reporting_often(processes, override)
+
+    def heard():
+        commands.publish(JointState(name=['joint1'], effort=[1.0]))
+        return bool(peer.states) and peer.states[-1].effort[0] == 1.0
+
+    peer.wait(heard)
+    wait_for_reports(arm)
+    assert 'incompatible QoS' not in arm.text()
+
+
+def test_nodes_that_disturb_the_arm_or_cannot_be_heard_are_named_once(processes, peer_of):
+    import rclpy
+    from rosgraph_msgs.msg import Clock
+    from sensor_msgs.msg import JointState
+    from std_msgs.msg import Float64MultiArray
+
+    arm = reporting_often(processes)
+    peer, other = peer_of(processes), peer_of(processes, 'other')
+    # A participant has one type for a topic, and a peer publishes commands itself.
+    other.node.create_publisher(Float64MultiArray, '/joint_commands', 10)
+    other.node.create_publisher(Float64MultiArray, '/sim_arm/commands', 10)
+    other.node.create_publisher(Clock, '/clock', 10)
+    # As the graph names a node that it does not know yet, or for good: not one of ROS.
+    unnamed = rclpy.create_node('_NODE_NAME_UNKNOWN_', context=peer.context)
+    twin = rclpy.create_node('sim_arm', context=peer.context, start_parameter_services=False)
+    twin.create_publisher(JointState, 'joint_states', 10)
+    for node in (peer.node, unnamed):
+        node.create_subscription(JointState, 'joint_states', lambda state: None, qos())
+    lines = (
+        "node '/other/peer' publishes 'std_msgs/msg/Float64MultiArray' on /joint_commands, which "
+        'has the type sensor_msgs/msg/JointState: no messages received; use /sim_arm/commands for '
+        'this type',
+        "node '/other/peer' publishes /clock too",
+        'node of the same name publishes /joint_states too',
+        "node '/peer' subscribes to /joint_states with incompatible QoS",
+        "node '/_NODE_NAME_UNKNOWN_' subscribes to /joint_states with incompatible QoS",
+        "2 nodes publish commands on /sim_arm/commands: ['/other/peer', '/peer']; the newest",
+    )
+    for line in lines:
+        arm.wait_for_text(line)
+    wait_for_reports(arm)
+    assert [arm.text().count(line) for line in lines] == [1] * len(lines)
+
+
+def test_diagnostics_report_each_task_of_the_node(processes, peer_of):
+    from diagnostic_msgs.msg import DiagnosticArray
+    from std_msgs.msg import String
+
+    # At depth 1 a busy machine would see some commands replaced by newer ones.
+    depth = 'qos_overrides./joint_commands.subscription.depth:=10'
+    settings = ('recording:=arm.mcap', 'real_time_factor:=0.5', depth)
+    arm = reporting_often(processes, *settings)
+    peer = peer_of(processes)
+    came: list[DiagnosticArray] = []
+    peer.node.create_subscription(DiagnosticArray, '/diagnostics', came.append, 10)
+    peer.connect()
+
+    def of(task):
+        (status,) = (one for one in came[-1].status if one.name == f'sim_arm: {task}')
+        assert status.hardware_id == 'sim_arm'
+        return status.level, status.message, {pair.key: pair.value for pair in status.values}
+
+    def told(task, key):
+        return of(task)[2].get(key, '') if came else ''
+
+    peer.wait(lambda: len(came) > 1)
+    level, message, values = of('lifecycle')
+    assert (level, message) == (b'\x00', 'active')
+    _, _, values = of('simulation')
+    assert (values['robot'], values['integrator']) == ('puma560', 'rk4')
+    # At rest, at 1 kHz: kp/kd below 2/T.
+    assert float(values['kinetic_energy_J']) == 0.0
+    assert 0.0 <= float(values['error_estimate']) < ROUNDING
+    assert values['pd_limit.kp_over_kd'] == '2000'
+    limits = np.array(values['pd_limit.kd'].split(), float)
+    assert limits.shape == (6,)
+    assert (limits > 0).all()
+    _, message, values = of('stepping')
+    assert float(values['step_p50_us']) <= float(values['step_p99_us'])
+    assert float(values['requested_real_time_factor']) == 0.5
+    assert 0.0 < float(values['real_time_factor']) < 1.0
+    _, message, values = of('recording')
+    assert (values['open'], message) == ('True', 'running')
+    peer.wait(lambda: told('commands', 'joint_commands.publishers') == '/peer')
+    assert of('commands')[0] == b'\x00'
+
+    # A driver sends NaN until a controller has claimed the joint: that is no warning.
+    peer.command(JOINTS, [float('nan')] * 6)
+    peer.wait(lambda: told('commands', 'joint_commands.unclaimed') == '1')
+    assert of('commands')[0] == b'\x00'
+    # A foreign type, a wrong message, a name that is longer than any line.
+    foreign = peer.node.create_publisher(String, '/sim_arm/set_state', 1)
+    peer.wait(lambda: told('commands', 'endpoints_with_qos_or_type_mismatch') == '1')
+    assert of('commands')[0] == b'\x01'
+    assert told('commands', 'set_state.publishers') == '/peer'
+    peer.node.destroy_publisher(foreign)
+    peer.wait(lambda: told('commands', 'endpoints_with_qos_or_type_mismatch') == '0')
+    peer.command(JOINTS, [1.0] * 5)
+    peer.command(['x' * 10_000, '\n%s{0}'], [1.0, 1.0])
+    peer.wait(lambda: told('commands', 'joint_commands.ragged') == '1')
+    peer.wait(lambda: told('commands', 'joint_commands.unknown_names') == '1')
+    peer.command(JOINTS, [1.0] * 6)
+    peer.wait(lambda: told('commands', 'accepted') == '1')
+    assert 0.0 <= float(told('commands', 'age_of_newest_s')) < 1000.0
+    peer.wait(lambda: float(told('simulation', 'kinetic_energy_J')) > 0.0)
+
+    def longer_period():
+        peer.let_pass(3)
+        peer.command(JOINTS, [1.0] * 6)
+        return float(told('simulation', 'control_period_s')) > 0.0015
+
+    # A controller that answers each third state has a longer period, and lower gains.
+    peer.wait(longer_period)
+    _, _, values = of('simulation')
+    expected = 2.0 / float(values['control_period_s'])
+    assert float(values['pd_limit.kp_over_kd']) == pytest.approx(expected, rel=1e-5)
+    for status in came[-1].status:
+        for text in (status.message, *(pair.value for pair in status.values)):
+            assert len(text) < 250
+            assert text.isprintable()
+    arm.stop()
+
+
+def test_a_model_that_does_not_come_is_waited_for_until_a_signal(processes, peer_of):
+    # A volatile one comes before the node, and is lost.
+    description_publisher(peer_of(processes), durability='volatile')('<robot/>')
+    arm = processes.arm('robot:=robot_description', ready=False)
+    arm.wait_for_text('waiting for the model on /robot_description')
+    assert arm.end(signal.SIGINT) == 1
+    assert 'no model received on /robot_description until the node was stopped' in arm.text()
+
+
+@pytest.mark.parametrize(
+    ('text', 'reason'),
+    [
+        ('joints: []', "/robot_description is not a URDF: it starts with 'joints: []'"),
+        ('<' + 'a' * (1 << 24), 'bytes, expected 16777216 at most'),
+        ('<robot>' * 100_000, 'elements more than 100 deep'),
+        ('<robot', 'not well-formed XML'),
+        (gripper_arm.urdf(joint_states_topic='{} %s'), 'Invalid topic name'),
+    ],
+    ids=['yaml', 'large', 'deep', 'cut', 'name'],
+)
+@pytest.mark.slow
+def test_a_hostile_model_is_refused_in_one_line(processes, peer_of, text, reason):
+    description_publisher(peer_of(processes))(text)
+    arm = processes.arm('robot:=robot_description', 'locked:=[finger]', ready=False)
+    assert arm.end() == 1
+    (line,) = (line for line in arm.text().splitlines() if line.startswith('sim_arm: '))
+    assert reason in line
+    assert len(line) < 700
+
+
+@pytest.mark.slow
+def test_the_arm_takes_everything_from_the_topic_and_its_ros2_control(processes, peer_of):
+    from sensor_msgs.msg import JointState
+
+    peer = peer_of(processes, 'left')
+    publish = description_publisher(peer)
+    arm = processes.arm(
+        *('-r', '__ns:=/left', 'robot:=robot_description', 'locked:=[finger]'),
+        'recording:=arm.mcap',
+        ready=False,
+    )
+    arm.wait_for_text('waiting for the model on /left/robot_description')
+    publish(gripper_arm.urdf(joint_states_topic='seen'))
+    arm.wait_for_text('until its first command')
+    for text in (
+        'joint_commands is /robot_joint_commands, from <ros2_control>',
+        'joint_states is seen, from <ros2_control>',
+        'initial_positions from <ros2_control>: [0.5, -0.25]',
+        'locked_positions from <ros2_control>: [0.04]',
+        'trigger_joint_command_threshold is 1e-05: the hardware compares',
+    ):
+        assert text in arm.text()
+    states: list[JointState] = []
+    peer.node.create_subscription(JointState, '/left/seen', states.append, 10)
+    commands = peer.node.create_publisher(JointState, '/robot_joint_commands', 10)
+    peer.wait(lambda: states and commands.get_subscription_count())
+    assert states[0].name == [*gripper_arm.ARM, *gripper_arm.FINGERS]
+    # The thumb mimics the locked finger.
+    assert states[0].position.tolist() == [*gripper_arm.START, 0.04, -0.04]
+    # A command for the finger, which is locked, has no effect.
+    commands.publish(JointState(name=['elbow', 'finger'], effort=[1.0, 1.0]))
+    peer.wait(lambda: states[-1].effort.tolist() == [0.0, 1.0, 0.0, 0.0])
+    commands.publish(JointState(name=['finger'], effort=[1.0]))
+    arm.wait_for_text('commands for locked joints have no effect: ')
+    arm.wait_for_text('1 messages on /robot_joint_commands rejected: refused (locked: ')
+    arm.stop()
+    path = processes.folder / 'arm.mcap'
+    assert verify_log(path).complete
+    settings = RecordedLog(path).settings
+    assert settings.initial_positions == gripper_arm.START
+    assert settings.locks == {'finger': 0.04, 'thumb': -0.04}
+
+
+@pytest.mark.slow
+def test_remappings_and_parameters_count_before_the_ros2_control(processes, peer_of):
+    from std_msgs.msg import Float64MultiArray, String
+
+    (processes.folder / 'arm.urdf').write_text(gripper_arm.urdf())
+    arm = processes.arm(
+        *('robot:=arm.urdf', 'locked:=[finger]', 'locked_positions:=[0.0]'),
+        *('initial_positions:=[1.0, 1.0]', '-r', 'joint_commands:=mine'),
+        *('-r', '/robot_joint_states:=joint_states', 'publish_description:=true'),
+        'command_topic:=/effort_controllers/commands',
+    )
+    for text in (
+        'joint_commands is remapped to /mine, ignoring /robot_joint_commands of <ros2_control>',
+        "initial positions of ['shoulder', 'elbow', 'finger'] differ between <ros2_control> and ",
+        'subscribed to /mine (',
+        '/effort_controllers/commands (std_msgs/msg/Float64MultiArray: efforts in the order ',
+        '/joint_states (',
+    ):
+        assert text in arm.text()
+    peer = peer_of(processes)
+    texts: list[String] = []
+    peer.node.create_subscription(String, 'robot_description', texts.append, qos())
+    efforts = peer.node.create_publisher(Float64MultiArray, '/effort_controllers/commands', 10)
+    peer.wait(lambda: peer.states and texts and efforts.get_subscription_count())
+    assert texts[0].data == gripper_arm.urdf()
+    assert peer.states[0].position.tolist() == [1.0, 1.0, 0.0, 0.0]
+    efforts.publish(Float64MultiArray(data=[2.0, 3.0]))
+    peer.wait(lambda: peer.states[-1].effort.tolist() == [2.0, 3.0, 0.0, 0.0])
+
+
+@pytest.mark.ros
+def test_the_reported_energy_excludes_gravity_compensation():
+    from pfd_ros.arm.engine import Engine
+    from pfd_ros.arm.settings import Settings
+    from pfd_ros.node.diagnostics import MassKernels
+
+    told = []
+    for compensated in (False, True):
+        settings = Settings(
+            robot='planar2', gravity_compensation=compensated, external_wrench=True
+        )
+        kernels = MassKernels(Engine(settings, pfd.load_robot('planar2')))
+        told.append(kernels.energy(np.array([0.3, -0.2]), np.ones(2)).tolist())
+        assert 0.0 <= kernels.error_estimate(*np.ones((3, 2)), {}) < ROUNDING
+    assert told[0] == told[1]
+    assert all(told[0])
+
+
+def test_a_misspelt_parameter_among_many_of_other_nodes_is_named(processes):
     others = [part for k in range(20) for part in ('-p', f'another_{k}:=1')]
     wrong = ('--ros-args', *others, '-p', 'step_siz:=0.002')
     process = processes.forked('pfd_ros.node.main', *wrong)
@@ -282,7 +592,8 @@ def test_a_misspelt_parameter_among_many_of_other_nodes_is_named(processes) -> N
     assert "unknown parameters ['step_siz']; similar names: ['step_size']" in process.text()
 
 
-def test_diagnostics_are_of_one_plant_while_the_arm_takes_over_another() -> None:
+@pytest.mark.ros
+def test_diagnostics_are_of_one_plant_while_the_arm_takes_over_another():
     from pfd_ros.node.diagnostics import ArmDiagnostics, MassKernels
     from pfd_ros.node.inbox import Inbox
     from pfd_ros.node.report import Report
@@ -294,11 +605,11 @@ def test_diagnostics_are_of_one_plant_while_the_arm_takes_over_another() -> None
         plants_in_turn: Any = ()
 
         @property
-        def plant(self) -> Any:
+        def plant(self):
             return next(self.plants_in_turn) if self.plants_in_turn else self.first_plant
 
         @plant.setter
-        def plant(self, plant: Any) -> None:
+        def plant(self, plant):
             self.first_plant = plant
 
     settings = Settings(robot='planar2')

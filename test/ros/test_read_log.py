@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 from contextlib import closing
 import os
 from pathlib import Path
@@ -75,9 +74,7 @@ def assert_holds(values: Any, wanted: Any) -> None:
 
 
 @pytest.mark.parametrize(('storage', 'every'), [('MCAP', 2), ('SQLITE3', 9)])
-def test_each_message_type_of_jazzy_is_read_as_rosbags_wrote_it(
-    tmp_path, storage: str, every: int
-) -> None:
+def test_each_message_type_of_jazzy_is_read_as_rosbags_wrote_it(tmp_path, storage, every):
     kinds = sorted(kind for kind in STORE.types if kind != 'std_msgs/msg/WString')[::every]
     plugin = rosbag2.StoragePlugin[storage]
     written = write_bag(tmp_path / 'bag', kinds, random.Random(1), plugin)
@@ -95,7 +92,7 @@ def test_each_message_type_of_jazzy_is_read_as_rosbags_wrote_it(
                     assert_holds(found[path][k], wanted)
 
 
-def test_joints_are_found_by_name_whatever_order_a_message_has(tmp_path) -> None:
+def test_joints_are_found_by_name_whatever_order_a_message_has(tmp_path):
     rows = [(['a', 'b'], [1.0, 2.0], []), (['b', 'a'], [4.0, 3.0], [5.0, 6.0]), (['b'], [7.0], [])]
     sent = [Row(STATES, k, joint_state(names, q, qd)) for k, (names, q, qd) in enumerate(rows)]
     found = read_log(write_mcap(tmp_path / 'a.mcap', sent))[STATES]
@@ -106,7 +103,7 @@ def test_joints_are_found_by_name_whatever_order_a_message_has(tmp_path) -> None
     assert [list(found.rows(joint)) for joint in 'ab'] == [[0, 1], [0, 1, 2]]
 
 
-def test_two_publishers_of_one_topic_are_joined_by_joint(tmp_path) -> None:
+def test_two_publishers_of_one_topic_are_joined_by_joint(tmp_path):
     rows = sorted([*states(30), *states(30, HAND, start=0.0004)], key=lambda row: row.at)
     path = write_mcap(tmp_path / 'a.mcap', rows)
     found = read_log(path)[STATES]
@@ -129,7 +126,7 @@ def test_two_publishers_of_one_topic_are_joined_by_joint(tmp_path) -> None:
 
 
 @pytest.mark.parametrize('kind', ['mcap', 'sqlite'])
-def test_messages_are_read_in_the_order_of_their_log_times(tmp_path, kind: str) -> None:
+def test_messages_are_read_in_the_order_of_their_log_times(tmp_path, kind):
     rows = [*states(50, start=0.5), *states(50)]
     path = write_mcap(tmp_path / 'a.mcap', rows) if kind == 'mcap' else tmp_path / 'bag'
     if kind == 'sqlite':
@@ -145,7 +142,7 @@ def test_messages_are_read_in_the_order_of_their_log_times(tmp_path, kind: str) 
     assert facts['end_ns'] - facts['begin_ns'] == 990_000_000
 
 
-def test_equal_log_times_keep_the_order_of_the_file_and_too_late_ones_are_damage(tmp_path) -> None:
+def test_equal_log_times_keep_the_order_of_the_file_and_too_late_ones_are_damage(tmp_path):
     rows = [Row('/text', at, string(str(k))) for k, at in enumerate([2, 1, 1, 2, 1])]
     log = read_log(write_mcap(tmp_path / 'a.mcap', rows, {'/text': STRING}))
     assert list(log['/text'].data) == ['1', '2', '4', '0', '3']
@@ -154,7 +151,7 @@ def test_equal_log_times_keep_the_order_of_the_file_and_too_late_ones_are_damage
         read_log(path)['/text']
 
 
-def test_the_window_begins_with_the_first_message_of_the_log(tmp_path) -> None:
+def test_the_window_begins_with_the_first_message_of_the_log(tmp_path):
     rows = [Row('/text', 1000.0, string('first')), *states(100, start=0.5)]
     path = write_mcap(tmp_path / 'a.mcap', rows, {'/text': STRING})
     log = read_log(path, topics=[STATES], start=0.7, end=1.0)
@@ -168,7 +165,7 @@ def test_the_window_begins_with_the_first_message_of_the_log(tmp_path) -> None:
     assert list(read_log(path, types=[JOINT_STATE])) == [STATES]
 
 
-def test_times_are_stamps_or_where_all_are_zero_log_times(tmp_path) -> None:
+def test_times_are_stamps_or_where_all_are_zero_log_times(tmp_path):
     stamped = states(5)
     plain = [Row('/plain', row.at, joint_state(ARM, *motion(row.at))) for row in stamped]
     log = read_log(write_mcap(tmp_path / 'a.mcap', [*stamped, *plain]))
@@ -179,7 +176,7 @@ def test_times_are_stamps_or_where_all_are_zero_log_times(tmp_path) -> None:
     assert (log.settings, log.robot, log.roles, log.head, log.end) == (None, None, {}, {}, {})
 
 
-def test_pandas_has_a_column_for_each_joint(tmp_path) -> None:
+def test_pandas_has_a_column_for_each_joint(tmp_path):
     pytest.importorskip('pandas')
     log = read_log(write_mcap(tmp_path / 'a.mcap', states(4)))
     frame = log.to_pandas(STATES)
@@ -187,7 +184,7 @@ def test_pandas_has_a_column_for_each_joint(tmp_path) -> None:
     np.testing.assert_array_equal(frame.index, log[STATES].time)
 
 
-def test_unknown_topics_fields_and_arguments_are_named(tmp_path) -> None:
+def test_unknown_topics_fields_and_arguments_are_named(tmp_path):
     path = write_mcap(tmp_path / 'a.mcap', states(2))
     log = read_log(path)
     with pytest.raises(KeyError, match="no topic '/nothing'"):
@@ -223,9 +220,7 @@ TWICE = joint_state([*ARM[:-1], ARM[0]], np.zeros(len(ARM)))
     ],
     ids=['cut', 'XCDR2', 'a joint twice'],
 )
-def test_a_message_that_cannot_be_decoded_is_an_error_unless_it_is_counted(
-    tmp_path, bad: Callable[[bytes], bytes], reason: str
-) -> None:
+def test_a_message_that_cannot_be_decoded_is_an_error_unless_it_is_counted(tmp_path, bad, reason):
     rows = [
         Row(t, at, bad(data) if k % 4 == 1 else data) for k, (t, at, data) in enumerate(states(20))
     ]
@@ -271,9 +266,7 @@ OTHERS = {
         (SERVICE, 'is an event of a service, and these are not read'),
     ],
 )
-def test_a_topic_that_nobody_decodes_is_named_and_the_others_are_read(
-    tmp_path, kind: str, line: str
-) -> None:
+def test_a_topic_that_nobody_decodes_is_named_and_the_others_are_read(tmp_path, kind, line):
     rows = [Row('/odd', 1000.0, b'\0\1\0\0'), *states(3)]
     path = write_mcap(tmp_path / 'a.mcap', rows, {'/odd': kind}, schemas=OTHERS)
     log = read_log(path, unreadable='count')
@@ -288,13 +281,13 @@ def test_a_topic_that_nobody_decodes_is_named_and_the_others_are_read(
     assert line in facts['obstacle']
 
 
-def test_arrays_that_would_be_nearly_empty_are_refused(tmp_path) -> None:
+def test_arrays_that_would_be_nearly_empty_are_refused(tmp_path):
     rows = [Row(STATES, k, joint_state([f'joint{k:05}'], [1.0])) for k in range(2000)]
     with pytest.raises(LogError, match='2000 messages name 2000 joints'):
         read_log(write_mcap(tmp_path / 'a.mcap', rows))[STATES]
 
 
-def test_damaged_databases_are_read_or_refused_as_logs(tmp_path) -> None:
+def test_damaged_databases_are_read_or_refused_as_logs(tmp_path):
     kinds = [JOINT_STATE, 'tf2_msgs/msg/TFMessage', STRING]
     bag, rng = tmp_path / 'bag', random.Random(7)
     write_bag(bag, kinds, rng, rosbag2.StoragePlugin.SQLITE3)
@@ -323,7 +316,7 @@ def test_damaged_databases_are_read_or_refused_as_logs(tmp_path) -> None:
     assert min(outcomes.values()) > 5
 
 
-def test_a_message_costs_the_memory_of_its_numbers(tmp_path) -> None:
+def test_a_message_costs_the_memory_of_its_numbers(tmp_path):
     count, joints = 40_000, tuple(f'joint{k}' for k in range(6))
     row = joint_state(joints, *[range(6)] * 3, stamp=1.0)
     path = write_mcap(tmp_path / 'a.mcap', (Row(STATES, 1e-3 * k, row) for k in range(count)))
@@ -341,7 +334,7 @@ def test_a_message_costs_the_memory_of_its_numbers(tmp_path) -> None:
 # --- folders and databases
 
 
-def test_folders_without_metadata_are_read_by_the_names_of_their_files(tmp_path) -> None:
+def test_folders_without_metadata_are_read_by_the_names_of_their_files(tmp_path):
     rows = states(12)
     folder = tmp_path / 'run'
     folder.mkdir()
@@ -367,7 +360,7 @@ def test_folders_without_metadata_are_read_by_the_names_of_their_files(tmp_path)
         (('notes.txt',), r'no MCAP or \.db3 file.*ros2 bag reindex'),
     ],
 )
-def test_folders_that_are_no_log_are_named(tmp_path, names: tuple[str, ...], line: str) -> None:
+def test_folders_that_are_no_log_are_named(tmp_path, names, line):
     for name in names:
         (tmp_path / name).write_bytes(b'')
     with pytest.raises(LogError, match=line):
@@ -376,8 +369,8 @@ def test_folders_that_are_no_log_are_named(tmp_path, names: tuple[str, ...], lin
 
 @pytest.mark.parametrize('waiting', [0, 10])
 def test_rows_in_the_log_of_writes_of_a_database_are_read_and_nothing_is_changed(
-    tmp_path, waiting: int
-) -> None:
+    tmp_path, waiting
+):
     rows = states(20 + waiting)
     bag = write_sqlite(tmp_path / 'bag', rows[:20])
     (file,) = bag.glob('*.db3')
@@ -419,9 +412,7 @@ HUGE = 'UPDATE messages SET data = zeroblob(300000000)'
         pytest.param([HUGE], 'too big', marks=pytest.mark.skipif('sys.version_info < (3, 11)')),
     ],
 )
-def test_hostile_databases_are_refused_with_a_line(
-    tmp_path, statements: list[str], line: str
-) -> None:
+def test_hostile_databases_are_refused_with_a_line(tmp_path, statements, line):
     bag = write_sqlite(tmp_path / 'bag', [Row('/text', 1.0, string('a'))], {'/text': STRING})
     with closing(sqlite3.connect(next(bag.glob('*.db3')))) as database, database:
         for statement in statements:
@@ -447,13 +438,13 @@ def test_hostile_databases_are_refused_with_a_line(
         ),
     ],
 )
-def test_hostile_descriptions_are_refused(tmp_path, text: str, line: str) -> None:
+def test_hostile_descriptions_are_refused(tmp_path, text, line):
     (tmp_path / 'metadata.yaml').write_text(text)
     with pytest.raises(LogError, match=line):
         read_log(tmp_path)
 
 
-def test_facts_are_those_of_another_reader(tmp_path) -> None:
+def test_facts_are_those_of_another_reader(tmp_path):
     kinds = [STRING, 'sensor_msgs/msg/Imu']
     write_bag(tmp_path / 'bag', kinds, random.Random(3), rosbag2.StoragePlugin.MCAP)
     found = log_facts(tmp_path / 'bag')
@@ -466,7 +457,7 @@ def test_facts_are_those_of_another_reader(tmp_path) -> None:
     assert found['bytes'] == sum(os.stat(path).st_size for path in (tmp_path / 'bag').iterdir())
 
 
-def test_a_recording_of_ours_has_cycles_times_settings_and_its_robot(tmp_path) -> None:
+def test_a_recording_of_ours_has_cycles_times_settings_and_its_robot(tmp_path):
     path = tmp_path / 'a.mcap'
     run = busy(path, recording_time='simulated')
     log = read_log(path)
@@ -495,7 +486,7 @@ def test_a_recording_of_ours_has_cycles_times_settings_and_its_robot(tmp_path) -
     assert wall.log_time[0] > 1.7e9
 
 
-def test_logs_of_real_arms_are_read_as_sqlite_and_rosbags_have_them(real_arms) -> None:
+def test_logs_of_real_arms_are_read_as_sqlite_and_rosbags_have_them(real_arms):
     bags = [path.parent for path in real_arms.glob('*/metadata.yaml')]
     assert bags
     for bag in bags:

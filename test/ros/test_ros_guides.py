@@ -1,9 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Two guides work as printed, and the site builds: it opens and searches without network."""
+"""Two guides and the demo work as printed, and the site opens and searches without network."""
 
 from __future__ import annotations
 
+from contextlib import suppress
 import os
 from pathlib import Path
 import re
@@ -11,10 +12,14 @@ import shlex
 import shutil
 import subprocess
 import sys
+from types import SimpleNamespace
+from typing import Any
 from urllib.parse import urlsplit
 from xml.etree import ElementTree
 
-from devtools import needs_browser, opened
+from arm_messages import efforts as commanded
+from arm_messages import made, wrench
+from devtools import needs_browser
 import gripper_arm
 import numpy as np
 from plugin_sessions import install
@@ -29,12 +34,15 @@ from ros_processes import (
     environment,
     wait_until,
 )
+from sampling import one_fast
 import yaml
 
 import pfd_core as pfd
 from pfd_ros import read_log
 from pfd_ros.arm.events import LABELS as VERDICT_LABELS
 from pfd_ros.arm.settings import Settings
+from pfd_ros.demo import run, scenario
+from pfd_ros.messages.joints import decode_joints
 from pfd_ros.recording.log import Log as RecordedLog
 from pfd_ros.replay.verify import verify as verify_log
 
@@ -88,7 +96,7 @@ def hardware_of(peer) -> TopicHardware:
     )
 
 
-def test_every_command_is_run_by_a_test_of_this_file() -> None:
+def test_every_command_is_run_by_a_test_of_this_file():
     source = Path(__file__).read_text(encoding='utf-8')
     parts = re.findall(r"start\(\s*processes, '(.*?)'", source)
     sims = [line for line in COMMANDS if line.startswith('pfd sim')]
@@ -96,7 +104,7 @@ def test_every_command_is_run_by_a_test_of_this_file() -> None:
     assert [line for line in COMMANDS if line not in sims] == ['python3 hold.py']
 
 
-def test_lines_of_the_log_in_the_guide_are_logged_by_the_node() -> None:
+def test_lines_of_the_log_in_the_guide_are_logged_by_the_node():
     folder = ROOT / 'pfd_ros'
     others = (folder / 'arm' / 'advice.py', folder / 'messages' / 'matching.py')
     paths = [*folder.glob('node/*.py'), *others]
@@ -116,7 +124,7 @@ def test_lines_of_the_log_in_the_guide_are_logged_by_the_node() -> None:
             assert line in source, line
 
 
-def test_the_manager_finds_a_model_and_its_controllers_and_all_nodes_have_simulated_time() -> None:
+def test_the_manager_finds_a_model_and_its_controllers_and_all_nodes_have_simulated_time():
     # The hardware has a node with the name of its block, which takes nothing from the manager.
     hardware = ElementTree.fromstring(BLOCK).get('name')
     (spawner,) = (x for block in blocks('console') for x in block.splitlines() if 'spawner' in x)
@@ -132,8 +140,7 @@ def test_the_manager_finds_a_model_and_its_controllers_and_all_nodes_have_simula
 
 
 @pytest.mark.slow
-@pytest.mark.ros
-def test_ros2_control_needs_no_remapping(processes, peer_of) -> None:
+def test_ros2_control_needs_no_remapping(processes, peer_of):
     arm = start(processes, 'recording:=run.mcap')
     peer = peer_of(processes)
     hardware = hardware_of(peer)
@@ -154,9 +161,8 @@ def test_ros2_control_needs_no_remapping(processes, peer_of) -> None:
     assert RecordedLog(path).settings.initial_positions == (0.5, 0.0)
 
 
-@pytest.mark.ros
 @pytest.mark.slow
-def test_in_lockstep_every_state_has_the_command_of_its_cycle(processes, peer_of) -> None:
+def test_in_lockstep_every_state_has_the_command_of_its_cycle(processes, peer_of):
     arm = start(processes, 'lockstep:=true', '-p', 'recording:=arm.mcap')
     peer = peer_of(processes)
     hardware = hardware_of(peer)
@@ -192,9 +198,8 @@ def test_in_lockstep_every_state_has_the_command_of_its_cycle(processes, peer_of
     assert set(np.diff(taken[-90:])) == {every}
 
 
-@pytest.mark.ros
 @pytest.mark.slow
-def test_a_script_with_the_model_of_the_arm_holds_it(processes) -> None:
+def test_a_script_with_the_model_of_the_arm_holds_it(processes):
     start(processes, 'command_topic:=')
     (code,) = blocks('python hold.py')
     (processes.folder / 'hold.py').write_text(code)
@@ -204,17 +209,15 @@ def test_a_script_with_the_model_of_the_arm_holds_it(processes) -> None:
     assert float(re.search(r'(\S+) rad off', script.text())[1]) < 0.2
 
 
-@pytest.mark.ros
 @pytest.mark.slow
-def test_the_model_comes_from_the_topic(processes, peer_of) -> None:
+def test_the_model_comes_from_the_topic(processes, peer_of):
     publish = description_publisher(peer_of(processes))
     publish(gripper_arm.with_block(BLOCK))
     arm = start(processes, 'robot:=robot_description')
     assert 'joint_commands is /robot_joint_commands, from <ros2_control>' in arm.text()
 
 
-@pytest.mark.ros
-def test_two_arms_start_side_by_side(processes, peer_of) -> None:
+def test_two_arms_start_side_by_side(processes, peer_of):
     start(processes, '__ns:=/left', ready=False)
     start(processes, '__ns:=/right')
     left, right = (peer_of(processes, name) for name in ('left', 'right'))
@@ -242,7 +245,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_the_controller_passes_its_test_and_fails_with_an_unknown_load(folder, sim_arm) -> None:
+def test_the_controller_passes_its_test_and_fails_with_an_unknown_load(folder, sim_arm):
     names: dict = {}
     exec(FILES['test_law.py'], names)
     names['test_the_arm_settles'](sim_arm)
@@ -254,8 +257,7 @@ def test_the_controller_passes_its_test_and_fails_with_an_unknown_load(folder, s
 
 
 @pytest.mark.long
-@pytest.mark.ros
-def test_every_command_of_the_guide_works_as_printed(folder, processes, tmp_path_factory) -> None:
+def test_every_command_of_the_guide_works_as_printed(folder, processes, tmp_path_factory):
     site = tmp_path_factory.mktemp('site')
     install(site)
     (site / 'pfd').write_text(f'#!/bin/sh\nexec {sys.executable} -m pfd_ros.cli.main "$@"\n')
@@ -340,7 +342,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.ros
-def test_every_page_has_its_page_and_nothing_is_loaded_from_elsewhere(built) -> None:
+def test_every_page_has_its_page_and_nothing_is_loaded_from_elsewhere(built):
     for page in (ROOT / 'docs').rglob('*.md'):
         assert (built / page.relative_to(ROOT / 'docs')).with_suffix('.html').exists(), page
     pages = list(built.rglob('*.html'))
@@ -354,7 +356,7 @@ def test_every_page_has_its_page_and_nothing_is_loaded_from_elsewhere(built) -> 
 
 
 @pytest.mark.ros
-def test_the_reference_has_all_public_names(built) -> None:
+def test_the_reference_has_all_public_names(built):
     page = (built / 'reference' / 'pfd_core.html').read_text(encoding='utf-8')
     for name in set(pfd.__all__) - {'__version__'}:
         # A separate object, or a row of the table of constants.
@@ -363,10 +365,10 @@ def test_the_reference_has_all_public_names(built) -> None:
 
 @pytest.mark.ros
 @needs_browser
-def test_home_and_search_open_from_the_disk_without_errors(built, tmp_path) -> None:
-    with opened((built / 'index.html').as_uri(), tmp_path) as page:
+def test_home_and_search_open_from_the_disk_without_errors(built, browser):
+    with browser.shows((built / 'index.html').as_uri()) as page:
 
-        def text() -> str:
+        def text():
             return str(page.value('document.body.innerText'))
 
         wait_until(lambda: 'Test torque controllers without a robot' in text(), text)
@@ -377,4 +379,185 @@ def test_home_and_search_open_from_the_disk_without_errors(built, tmp_path) -> N
         wait_until(lambda: 'reference/pfd_core' in str(page.value(links)), text)
         page.call('Page.navigate', url=f'{search}?q=zygomorphic')
         wait_until(lambda: 'did not match any documents' in text(), text)
-        assert page.console == []
+
+
+# Friction, payload and push move a joint off its motion by some hundredths of a radian.
+VISIBLE, LIMIT = 1e-3, 0.1
+
+
+@pytest.mark.parametrize('name', pfd.known_robots())
+@pytest.mark.parametrize('seconds', [0.5, 5.0, 20.0])
+def test_the_motion_starts_and_ends_at_rest_and_stays_within_the_limits(seconds, name):
+    robot = pfd.load_robot(name)
+    motion = scenario.motion_of(robot, seconds)
+    for t in (0.0, seconds, 2 * seconds):
+        # The sine of multiples of pi is rounded, below 1e-13 for tens of them.
+        q, qd, qdd = motion.at(t)
+        np.testing.assert_allclose(q, motion.start, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(qd, 0.0, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(qdd, 0.0, rtol=0, atol=1e-11)
+    q = motion.at(np.linspace(0, seconds, 20001))[0]
+    assert (q >= robot.position_lower).all()
+    assert (q <= robot.position_upper).all()
+    assert (np.ptp(q, axis=0) > 0).all()
+
+
+def test_the_motion_has_the_derivatives_it_states():
+    motion, step = scenario.motion_of(pfd.load_robot('puma560'), 5.0), 1e-5
+    t = np.linspace(0.1, 4.9, 50)
+    (q0, v0, _), (_, v, a), (q1, v1, _) = (motion.at(t + k * step) for k in (-1, 0, 1))
+    # Differences err by step^2 / 6 times a derivative of third or fourth order, below 1000 here.
+    for low, high, rate in ((q0, q1, v), (v0, v1, a)):
+        np.testing.assert_allclose((high - low) / (2 * step), rate, rtol=0, atol=step**2 / 6e-3)
+
+
+@pytest.mark.parametrize('name', one_fast(pfd.known_robots(), 'planar2'))
+def test_the_disturbances_are_visible_and_the_controller_rejects_them(name):
+    robot, seconds, push = pfd.load_robot(name), 2.0, 0.5
+    motion = scenario.motion_of(robot, seconds)
+    parameters = scenario.parameters(robot, seconds)
+    settings = {key.replace('.', '_'): value for key, value in parameters.items()}
+    settings = {k: tuple(v) if isinstance(v, list) else v for k, v in settings.items()}
+    engine = made(robot=name, **{**settings, 'outputs': ()})
+    cycles = round(seconds / 1e-3)
+    off, messages = np.zeros(cycles), [commanded(*np.zeros(robot.n))]
+    for k in range(cycles):
+        (data,) = (m.data for m in engine.step(messages)[0] if m.role == 'joint_states')
+        state, t = decode_joints(data), (k + 1) * 1e-3
+        q, qd = np.array(state.position), np.array(state.velocity)
+        off[k] = np.abs(q - motion.at(t)[0]).max()
+        messages = [commanded(*scenario.efforts(robot, motion, t, q, qd))]
+        if k == round(push * cycles):
+            messages.append(wrench(robot.tip, scenario.push_force(robot)))
+    before, after = off[: round(push * cycles)], off[round(push * cycles) :]
+    assert VISIBLE < before.max() < LIMIT
+    assert VISIBLE < after.max() < LIMIT
+
+
+@pytest.mark.parametrize(
+    ('periods', 'slow'),
+    [(50 * [0.5, 1.5], False), (100 * [1.005], False), (99 * [1.0] + [10.0], True)],
+)
+def test_a_rate_below_the_one_of_the_stamps_is_a_machine_that_is_too_slow(periods, slow, capsys):
+    # States at 1 kHz, by the times [ms] between their messages.
+    stamps = np.arange(len(periods) + 1) * 1_000_000
+    times = np.cumsum([0, *(round(1e6 * period) for period in periods)])
+    log = {'/states': SimpleNamespace(stamp_ns=stamps, log_ns=times)}
+    assert run._rate(log, '/states') == slow
+    printed = capsys.readouterr().out
+    assert 'of 1000 Hz' in printed
+    assert ('this machine is too slow' in printed) == slow
+
+
+@pytest.mark.ros
+def test_even_on_one_domain_two_demos_are_apart(tmp_path, monkeypatch):
+    # A domain that looked free to both: their names and clocks still differ.
+    started: list[list[str]] = []
+    monkeypatch.setattr(
+        'pfd_ros.demo.run.ChildProcess', lambda command, *_: started.append(command)
+    )
+    for _ in range(2):
+        with suppress(AttributeError):
+            run.run_demo('planar2', 1.0, tmp_path)
+    names = [[part for part in command if part.startswith('__ns:=')] for command in started]
+    assert len(names) >= 2
+    assert all(len(name) == 1 for name in names)
+    assert len({name[0] for name in names}) == 2
+    assert all('/clock:=clock' in command for command in started)
+
+
+# Variables that lead to other systems.
+HOSTILE = {
+    'ROS_LOCALHOST_ONLY': '0',
+    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',
+    'ROS_STATIC_PEERS': '127.0.0.1;192.0.2.1',
+    'ROS_DISCOVERY_SERVER': '127.0.0.1:11811',
+    'ROS_SUPER_CLIENT': 'TRUE',
+    'ROS_SECURITY_ENABLE': 'true',
+    'ROS_SECURITY_STRATEGY': 'Enforce',
+    'FASTRTPS_DEFAULT_PROFILES_FILE': '/nowhere/profiles.xml',
+    'FASTDDS_DEFAULT_PROFILES_FILE': '/nowhere/profiles.xml',
+    'RMW_FASTRTPS_USE_QOS_FROM_XML': '1',
+    'CYCLONEDDS_URI': '<CycloneDDS/>',
+    'ZENOH_ROUTER_CONFIG_URI': '/nowhere',
+}
+
+
+def start_demo(folder: Path, domain: int) -> subprocess.Popen[str]:
+    command = ['-m', 'pfd_ros.cli.main', 'demo', '--seconds', '1', '--out', 'here']
+    return subprocess.Popen(
+        [sys.executable, *command],
+        cwd=folder,
+        env=environment(domain) | HOSTILE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def check_demo(folder: Path, process: subprocess.Popen[str]) -> str:
+    printed = process.communicate(timeout=3 * PATIENCE)[0]
+    # On a busy machine commands may be lost, periods missed and the motion left, and nothing else.
+    failures = re.findall('FAILED: (.*)', printed)
+    assert all(failure.startswith('the arm was') for failure in failures), printed
+    assert process.returncode == (1 if failures else 0), printed
+    base = folder / 'here' / 'arm_0'
+    assert re.search(r'replay +\d+ cycles simulated again: every bit equal', printed)
+    assert re.search(r'rate +[\d.]+ Hz of 1000 Hz', printed)
+    assert re.search(r'^ +[\d.]+ s: 1 s of motion, at rest before and after it$', printed, re.M)
+    assert '<html' in base.with_suffix('.html').read_text(encoding='utf-8')
+    assert verify_log(base.with_suffix('.mcap')).complete
+    # The terminal and the page have one line on each joint.
+    lines = re.findall(r'^(?:tracking)? +(joint\d: .*)$', printed, re.MULTILINE)
+    shown = base.with_suffix('.html').read_text(encoding='utf-8')
+    assert lines == re.findall('<li>(joint.*?)</li>', shown)
+    assert len(lines) == 6
+    if not failures:
+        assert all(' rad, farthest at t = ' in line for line in lines)
+        assert re.search('^page +here/arm_0.html: nothing went wrong', printed, re.MULTILINE)
+        assert printed.endswith('everything worked\n')
+    return printed
+
+
+@pytest.mark.slow
+def test_the_demo_verifies_itself_and_sends_nothing_to_a_live_arm(processes, peer_of, tmp_path):
+    from sensor_msgs.msg import JointState
+
+    (tmp_path / 'DEFAULT_FASTRTPS_PROFILES.xml').write_text('<no profile')
+    # An arm on the domain, and by the names, that the demo's environment would lead to.
+    peer = peer_of(processes)
+    commands: list[Any] = []
+    seen: set[str] = set()
+    peer.node.create_subscription(JointState, '/joint_commands', commands.append, 10)
+    process = start_demo(tmp_path, processes.domain)
+    try:
+        while process.poll() is None:
+            peer.executor.spin_once(timeout_sec=0.05)
+            seen |= set(peer.node.get_node_names())
+        check_demo(tmp_path, process)
+    finally:
+        process.kill()
+    assert commands == peer.states == peer.clocks == []
+    assert seen == {'peer'}
+    printed = (tmp_path / 'here' / 'arm_0.sim_arm.txt').read_text()
+    assert re.search(r'subscribed to /pfd_demo_[0-9a-f]{8}/joint_commands', printed)
+    log = read_log(tmp_path / 'here' / 'arm_0.mcap')
+    assert all(
+        topic.startswith('/pfd_demo_') for topic, role in log.roles.items() if role == 'clock'
+    )
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+@pytest.mark.long
+def test_the_demo_shows_the_arm_while_it_runs(tmp_path, monkeypatch, capsys):
+    # Nobody opens the page.
+    monkeypatch.setattr('pfd_ros.demo.run.PAGE_SECONDS', 0.5)
+    assert run.run_demo('planar2', 1.0, tmp_path, 0) == 0, capsys.readouterr()
+    printed = capsys.readouterr().out
+    assert re.search(
+        r'^view +http://127\.0\.0\.1:\d+: the arm starts when a browser', printed, re.MULTILINE
+    )
+    seen = (tmp_path / 'arm_0.view.txt').read_text()
+    assert re.search(r'^receiving /pfd_demo_[0-9a-f]{8}/joint_states$', seen, re.MULTILINE)
+    assert 'Traceback' not in seen

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The arm in tests of controllers: its runs, its settings, and what it says of each fault."""
+"""What tests say of nodes and processes with faults; processes end with their test."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ from functools import partial
 import math
 import os
 from pathlib import Path
-import pickle
-import re
 import signal
 import sys
 import threading
@@ -19,7 +17,6 @@ import time
 from typing import Any
 
 import gripper_arm
-from logs import STATES, Row, joint_state, write_mcap
 import numpy as np
 import pytest
 from ros_processes import PATIENCE, ROOT, qos, wait_until
@@ -30,7 +27,6 @@ from pfd_ros import read_log
 from pfd_ros.cli.main import main as pfd_main
 from pfd_ros.testing import (
     REASONS,
-    ArmError,
     ControllerError,
     ControllerProcess,
     LockstepArm,
@@ -38,7 +34,6 @@ from pfd_ros.testing import (
     NodeProcess,
     RejectedError,
     Trajectory,
-    recorded,
 )
 from pfd_ros.testing.domains import claimed_domain
 from pfd_ros.testing.process import ChildProcess
@@ -62,286 +57,6 @@ def assert_same_bits(one: Trajectory, other: Trajectory) -> None:
         a, b = getattr(one, name), getattr(other, name)
         assert a.shape == b.shape
         assert a.tobytes() == b.tobytes(), name
-
-
-# Runs of a callback.
-
-
-def test_runs_of_one_controller_have_the_same_bits_in_one_piece_or_several() -> None:
-    whole = ur5().run(pd, 0.3)
-    assert np.ptp(whole.q, axis=0).min() > 0.01
-    assert whole.notes == []
-    for lengths in ((0.3,), (0.1, 0.15, 0.05)):
-        arm = ur5()
-        parts = [arm.run(pd, seconds) for seconds in lengths]
-        for name in ('time', 'q', 'qd', 'tau'):
-            joined = np.concatenate([getattr(part, name) for part in parts])
-            assert joined.tobytes() == getattr(whole, name).tobytes()
-
-
-@pytest.mark.parametrize('rate', [0.0, 200.0])
-def test_the_arm_moves_as_the_simulator_under_the_same_efforts(rate: float) -> None:
-    arm = ur5(publish_rate=rate)
-    steps = 5 if rate else 1
-    assert arm.period == pytest.approx(steps * 1e-3)
-    found = arm.run(pd, 0.2)
-    assert found.time == pytest.approx(START + arm.period * np.arange(200 // steps))
-    sim = pfd.Simulator(arm.robot, pfd.Scene(armature='model', brakes=True))
-    for k in range(200 // steps):
-        assert (found.q[k] == sim.q).all()
-        assert (found.qd[k] == sim.qd).all()
-        for _ in range(steps):
-            sim.step(found.tau[k])
-    assert (arm.q == sim.q).all()
-    assert arm.time == START + 0.2
-
-
-def test_seconds_are_whole_control_periods_rounded_up() -> None:
-    arm = ur5(publish_rate=200.0)
-    assert [len(arm.run(pd, t).time) for t in (0.005, 0.0051, 1e-9, 0.3)] == [1, 2, 1, 60]
-    for wrong in (0.0, -1.0, float('inf'), float('nan')):
-        with pytest.raises(ValueError, match='seconds is'):
-            arm.run(pd, wrong)
-
-
-def test_the_torque_of_a_row_is_what_acted_within_the_limits_of_the_arm() -> None:
-    arm = LockstepArm('ur5', torque_speed=False)
-    found = arm.run(lambda t, q, qd: np.full(6, 1e3 if t > START else 1.0), 0.002)
-    assert found.tau[0] == pytest.approx(np.ones(6))
-    assert found.tau[1] == pytest.approx(found.limits.effort)
-
-
-@pytest.mark.parametrize(
-    'settings',
-    [
-        {
-            **{'noise_position': 1e-4, 'noise_velocity': 1e-2, 'delay_state': 0.004, 'seed': 3},
-            **{'drop_state': 0.3, 'drop_commands': 0.2, 'delay_commands': 0.002},
-        },
-        {
-            **{'publish_rate': 250.0, 'clock_rate': 500.0, 'outputs': ['acceleration', 'energy']},
-            **{'payload_mass': 2.0, 'gravity_compensation': True, 'friction.elbow_joint': 3.0},
-        },
-        {'external_wrench': True, 'publish_clock': False},
-    ],
-    ids=['losses', 'plant', 'inputs'],
-)
-def test_a_recorded_run_has_the_same_bits_and_verifies(
-    settings: dict[str, Any], tmp_path, capsys
-) -> None:
-    path = tmp_path / 'run.mcap'
-    plain, recorded = ur5(**settings), ur5(**settings, recording=path)
-    runs = []
-    for arm in (plain, recorded):
-        runs.append([arm.run(pd, 0.04)])
-        arm.set_state({arm.names[2]: 0.7})
-        if settings.get('external_wrench'):
-            arm.push([5.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-            arm.set(noise_position=1e-3, payload_mass=1.5)
-            assert arm.settings.payload_mass == 1.5
-        runs[-1].append(arm.run(pd, 0.04))
-        arm.reset()
-        runs[-1].append(arm.run(pd, 0.04))
-        arm.close()
-    for one, other in zip(*runs, strict=True):
-        assert_same_bits(one, other)
-    assert pfd_main(['replay', str(path), '--verify']) == 0
-    assert 'every bit equal' in capsys.readouterr().out
-    with pytest.raises(OSError, match=r'run\.mcap'):
-        ur5(recording=path)
-
-
-def test_a_pushed_arm_rests_where_its_stiffness_holds_the_moment() -> None:
-    arm = ur5(gravity_compensation=True, external_wrench=True)
-    stiffness = np.array([600.0, 600.0, 400.0, 100.0, 100.0, 100.0])
-    arm.push(force=[0.0, 0.0, 0.0], torque=[0.0, 0.0, 1.5])
-    # The moment is about the axis of the last joint, wherever the arm is.
-    found = arm.run(lambda t, q, qd: -stiffness * q - stiffness * qd / 5, 4.0)
-    assert found.q[-1, 5] == pytest.approx(1.5 / 100.0, rel=0.02)
-
-
-def test_set_state_and_reset_set_the_exact_state_and_time_continues() -> None:
-    arm = ur5(initial_positions=GOAL)
-    assert (arm.q == GOAL).all()
-    arm.run(pd, 0.01)
-    arm.set_state(np.arange(6) / 10, [0.1] * 6)
-    assert (arm.q == np.arange(6) / 10).all()
-    assert (arm.qd == 0.1).all()
-    arm.set_state({arm.names[0]: -1.0})
-    assert arm.q[0] == -1.0
-    assert (arm.qd[0], arm.qd[1]) == (0.0, 0.1)
-    arm.reset()
-    assert (arm.q == GOAL).all()
-    assert not arm.qd.any()
-    assert arm.time == pytest.approx(START + 0.013)
-    assert arm.run(pd, 0.001).time[0] == pytest.approx(START + 0.013)
-
-
-def test_an_arm_with_stops_starts_inside_them_and_a_state_outside_is_warned_of() -> None:
-    for robot in ('panda', pfd.load_robot('panda')):
-        arm = LockstepArm(robot, joint_limits=True, gravity_compensation=True)
-        motion = arm.run(lambda t, q, qd: np.zeros(7), 0.02)
-        motion.assert_no_limit_hit()
-        assert motion.q[0, 3] == pytest.approx(-1.5708)
-        with pytest.warns(pfd.PhysicsWarning, match="'panda_joint4' is at 0, its stops at -3.07"):
-            arm.set_state({'panda_joint4': 0.0})
-        assert arm.q[3] == 0.0
-
-
-def test_a_saved_state_continues_with_the_same_bits_in_another_arm(tmp_path) -> None:
-    arm = ur5(noise_position=1e-3)
-    arm.run(pd, 0.05)
-    state = pickle.loads(pickle.dumps(arm.save()))
-    expected = arm.run(pd, 0.05)
-    other = ur5(noise_position=1e-3)
-    other.run(pd, 0.01)
-    for _ in range(2):
-        other.restore(state)
-        assert_same_bits(other.run(pd, 0.05), expected)
-    with pytest.raises(ValueError, match='noise_position'):
-        ur5(noise_position=2e-3).restore(state)
-    with (
-        ur5(noise_position=1e-3, recording=tmp_path / 'run.mcap') as recorded,
-        pytest.raises(ValueError, match='a recording holds one run from its start'),
-    ):
-        recorded.restore(state)
-
-
-@pytest.mark.parametrize(
-    ('call', 'text'),
-    [
-        (lambda arm: arm.set_state([1.0]), r'q has shape \(1,\), expected \(6,\)'),
-        (lambda arm: arm.set_state({'nobody': 1.0}), r"q names \['nobody'\]"),
-        (lambda arm: arm.set_state([1e9] * 6), 'refused: .*1e.06'),
-        (lambda arm: arm.set_state([float('nan')] * 6), 'refused: no position'),
-        (lambda arm: arm.push([1.0, 0.0, 0.0], [0.0, 0.0, 0.0]), 'external_wrench'),
-        (lambda arm: arm.set(step_size=0.1), 'step_size'),
-        (lambda arm: arm.set(nonsense=0.1), "unknown setting 'nonsense'"),
-    ],
-)
-def test_an_input_that_the_arm_refuses_is_an_error_and_changes_nothing(
-    call: Callable[[LockstepArm], None], text: str
-) -> None:
-    arm = ur5()
-    with pytest.raises(ValueError, match=text):
-        call(arm)
-    assert not arm.q.any()
-    assert arm.time == START
-
-
-def careless(t: float, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
-    tau = pd(t, q, qd)
-    q[:], qd[:] = 7.0, 7.0
-    return tau
-
-
-ANSWER = np.zeros(6)
-
-
-def thrifty(t: float, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
-    ANSWER[:] = pd(t, q, qd)
-    return ANSWER
-
-
-@pytest.mark.parametrize(
-    'controller',
-    [
-        careless,
-        thrifty,
-        lambda t, q, qd: list(pd(t, q, qd)),
-        lambda t, q, qd: pd(t, q, qd).astype('>f8'),
-        lambda t, q, qd: np.repeat(pd(t, q, qd), 2)[::2],
-    ],
-    ids=['writes into its arguments', 'returns one array', 'list', 'big endian', 'strided'],
-)
-def test_a_controller_may_answer_with_any_sequence_of_numbers(controller: Any) -> None:
-    assert_same_bits(ur5().run(controller, 0.05), ur5().run(pd, 0.05))
-
-
-@pytest.mark.parametrize(
-    ('answer', 'text'),
-    [
-        ([0.0] * 5, r'the controller returned \[0\.0, .*\] at t = 0\.01 s, expected 6 numbers'),
-        (np.zeros((6, 1)), r'of shape \(6, 1\) at t = 0\.01 s'),
-        (None, 'returned None at t = 0.01 s'),
-        (['a'] * 6, 'expected 6 numbers'),
-        ([True] * 6, 'expected 6 numbers'),
-        ([[1], [2, 3]], 'expected 6 numbers'),
-    ],
-)
-def test_an_invalid_answer_is_one_error_with_its_time(answer: Any, text: str) -> None:
-    arm = ur5()
-    with pytest.raises(ControllerError, match=text):
-        arm.run(lambda t, q, qd: answer if t >= 0.01 else pd(t, q, qd), 1.0)
-    # The arm waits in that state, and another controller may continue from it.
-    assert arm.time == 0.01
-    assert arm.run(pd, 0.01).time[0] == 0.01
-
-
-def test_an_overflowing_simulation_is_an_error_with_its_time() -> None:
-    with pytest.raises(ArmError, match=r't = .* s: .*not finite'):
-        ur5().run(lambda t, q, qd: 1e200 * np.ones(6), 1.0)
-
-
-@pytest.mark.parametrize(
-    ('settings', 'text'),
-    [
-        ({'lockstep': True}, 'lockstep is True, expected False in tests'),
-        ({'real_time_factor': 1.0}, 'real_time_factor is 1.0'),
-        ({'autostart': False}, 'autostart is False'),
-        ({'time_source': 'clock'}, "time_source is 'clock'"),
-        ({'nonsense': 1}, "unknown setting 'nonsense': .*/config/sim_arm.yaml has"),
-        ({'controller_period': 0.01}, "'controller_period': it is an argument of spin"),
-        ({'armatur': True}, "unknown setting 'armatur': did you mean 'armature'"),
-        ({'noise.position': 1e-4}, "unknown setting 'noise.position': did you mean 'noise_pos"),
-        ({'step_size': 'fast'}, 'step_size'),
-        ({'robot': 'nobody'}, 'nobody'),
-        ({'robot': pfd.load_robot('planar2'), 'base_link': 'base'}, 'name its file'),
-    ],
-)
-def test_settings_that_do_not_go_with_a_test_are_refused(
-    settings: dict[str, Any], text: str
-) -> None:
-    with pytest.raises(ValueError, match=text):
-        LockstepArm(**{'robot': 'ur5', **settings})
-
-
-def test_a_robot_and_a_scene_may_be_objects() -> None:
-    robot = pfd.load_robot('planar2')
-    scene = pfd.Scene(gravity=None, damping=[0.3, 0.2])
-    arm = LockstepArm(robot, scene=scene, **UNLIMITED)
-    assert arm.robot is robot
-    found = arm.run(lambda t, q, qd: [1.0, 0.0], 0.1)
-    sim = pfd.Simulator(robot, pfd.Scene(gravity=None, damping=[0.3, 0.2], brakes=True))
-    for k in range(100):
-        assert (found.q[k] == sim.q).all()
-        sim.step([1.0, 0.0])
-
-
-def test_limits_of_0_in_a_urdf_are_none_to_the_arm_and_its_assertions(tmp_path) -> None:
-    text = pfd.robot_to_urdf(pfd.load_robot('planar2'))
-    path = tmp_path / 'arm.urdf'
-    path.write_text(re.sub('(velocity|effort)="[^"]*"', r'\1="0"', text))
-    with pytest.warns(
-        pfd.PhysicsWarning, match=r"'shoulder' \(.*effort 0\.0, line \d+\), 'elbow' \("
-    ):
-        arm = LockstepArm(path, gravity_compensation=True)
-    found = arm.run(lambda t, q, qd: [5.0, 1.0], 0.05)
-    assert found.tau[-1].tolist() == [5.0, 1.0]
-    found.assert_no_limit_hit()
-    assert all('no limit reached' in line for line in found.symptoms())
-
-
-def test_arrays_are_in_the_order_of_the_setting_joints() -> None:
-    names = list(ur5().names)[::-1]
-    reverse, straight = ur5(joints=names), ur5()
-    assert reverse.names == tuple(names)
-    backward = reverse.run(lambda t, q, qd: pd(t, q[::-1], qd[::-1])[::-1], 0.05)
-    forward = straight.run(pd, 0.05)
-    assert (backward.q[:, ::-1] == forward.q).all()
-    assert (backward.tau[:, ::-1] == forward.tau).all()
-    assert (backward.limits.effort[::-1] == forward.limits.effort).all()
-    assert backward.tip().tobytes() == forward.tip().tobytes()
 
 
 # Faults: what a test says of a controller as a callback, as a node that answers states, as a node
@@ -446,9 +161,7 @@ ROWS: list[tuple[str, type[Exception], dict[str, str]]] = [
         for way, text in texts.items()
     ],
 )
-def test_a_fault_is_one_error_that_says_where_and_why(
-    fault: str, way: str, kind: type[Exception], text: str, request
-) -> None:
+def test_a_fault_is_one_error_that_says_where_and_why(fault, way, kind, text, request):
     with ExitStack() as stack:
         arm = stack.enter_context(ur5())
         if way == 'callback':
@@ -462,7 +175,8 @@ def test_a_fault_is_one_error_that_says_where_and_why(
                 one = node_of(way, fault)
                 stack.callback(one.destroy_node)
             period = None if way == 'states' else 0.002
-            call = partial(arm.spin, 0.1, one, controller_period=period)
+            slow = {'controller_period': period, 'start_patience': PATIENCE}
+            call = partial(arm.spin, 0.1, one, **slow)
         with pytest.raises(kind, match=text):
             # Only what is waited for in vain is waited for shortly: a busy machine is slow.
             call(patience=1.0 if '1 s ' in text else math.inf)
@@ -510,9 +224,8 @@ def controller_of(domain: int) -> Iterator[Callable[..., Any]]:
         node.destroy_node()
 
 
-@pytest.mark.ros
 @pytest.mark.parametrize('kind', ['named', 'plain'])
-def test_a_node_moves_the_arm_with_the_bits_of_the_callback(kind: str, controller_of) -> None:
+def test_a_node_moves_the_arm_with_the_bits_of_the_callback(kind, controller_of):
     node = controller_of(kind)
     with ur5() as called, ur5() as arm:
         for seconds in (0.2, 0.1):
@@ -548,11 +261,10 @@ REJECTED = {
 }
 
 
-@pytest.mark.ros
 @pytest.mark.parametrize('reason', REJECTED)
 def test_a_command_of_which_a_part_is_rejected_fails_unless_the_test_allows_it(
-    reason: str, controller_of
-) -> None:
+    reason, controller_of
+):
     change, text = REJECTED[reason]
     node = controller_of('named', change=change)
     with ur5() as arm:
@@ -564,11 +276,10 @@ def test_a_command_of_which_a_part_is_rejected_fails_unless_the_test_allows_it(
     assert reason in REASONS
 
 
-@pytest.mark.ros
 def test_a_flood_of_rejected_commands_is_counted_in_the_recording_and_verifies(
     controller_of, tmp_path
-) -> None:
-    def nobody(command: Any) -> None:
+):
+    def nobody(command):
         command.name = [f'nobody{k}' * 100 for k in range(len(command.name))]
 
     node, path = controller_of('named', change=nobody), tmp_path / 'run.mcap'
@@ -578,8 +289,7 @@ def test_a_flood_of_rejected_commands_is_counted_in_the_recording_and_verifies(
     assert pfd_main(['replay', str(path), '--verify']) == 0
 
 
-@pytest.mark.ros
-def test_the_topics_of_the_arm_can_be_chosen(controller_of) -> None:
+def test_the_topics_of_the_arm_can_be_chosen(controller_of):
     topics = '/left/joint_states', '/effort_controllers/commands'
     node = controller_of('plain', topics=topics)
     remapped = ['-r', '~/commands:=/effort_controllers/commands', '-r', '__ns:=/left']
@@ -587,8 +297,7 @@ def test_the_topics_of_the_arm_can_be_chosen(controller_of) -> None:
         assert_same_bits(arm.spin(0.02, node), ur5().run(pd, 0.02))
 
 
-@pytest.mark.ros
-def test_the_urdf_of_the_arm_configures_its_topics_and_initial_values(controller_of) -> None:
+def test_the_urdf_of_the_arm_configures_its_topics_and_initial_values(controller_of):
     urdf = gripper_arm.urdf(joint_states_topic='/seen', joint_commands_topic='/told')
     settings: dict[str, Any] = {'robot': urdf, 'locked': ['finger'], **UNLIMITED}
     node = controller_of('named', lambda t, q, qd: 0.1 - q, ('/seen', '/told'))
@@ -598,10 +307,7 @@ def test_the_urdf_of_the_arm_configures_its_topics_and_initial_values(controller
         assert_same_bits(arm.spin(0.1, node), expected)
 
 
-@pytest.mark.ros
-def test_a_controller_may_read_the_description_and_the_other_outputs_of_the_arm(
-    controller_of,
-) -> None:
+def test_a_controller_may_read_the_description_and_the_other_outputs_of_the_arm(controller_of):
     from std_msgs.msg import Float64MultiArray, String
 
     node, texts, energies = controller_of(), [], []
@@ -613,8 +319,7 @@ def test_a_controller_may_read_the_description_and_the_other_outputs_of_the_arm(
     assert len(energies) == 20
 
 
-@pytest.mark.ros
-def test_what_is_missing_before_the_first_state_is_named(controller_of) -> None:
+def test_what_is_missing_before_the_first_state_is_named(controller_of):
     from rclpy.executors import SingleThreadedExecutor
 
     topics = '/joint_commands or /sim_arm/commands or /sim_arm/joint_trajectory'
@@ -628,7 +333,6 @@ def test_what_is_missing_before_the_first_state_is_named(controller_of) -> None:
     executor.shutdown()
 
 
-@pytest.mark.ros
 @pytest.mark.parametrize(
     ('services', 'states', 'clock', 'text'),
     [
@@ -644,8 +348,8 @@ def test_what_is_missing_before_the_first_state_is_named(controller_of) -> None:
     ids=['no services', 'second arm', 'second arm without a clock'],
 )
 def test_a_node_elsewhere_that_cannot_be_in_lockstep_is_named(
-    services: bool, states: str, clock: bool, text: str, domain
-) -> None:
+    services, states, clock, text, domain
+):
     from rclpy.node import Node
     from sensor_msgs.msg import JointState
     from std_msgs.msg import Float64MultiArray
@@ -672,9 +376,8 @@ executor.spin()
 """
 
 
-@pytest.mark.ros
 @pytest.mark.slow
-def test_a_process_with_two_nodes_does_not_stand_for_one_that_starts_later(controller_of) -> None:
+def test_a_process_with_two_nodes_does_not_stand_for_one_that_starts_later(controller_of):
     with (
         ControllerProcess([sys.executable, '-c', TWO_NODES]) as two,
         ControllerProcess([sys.executable, '-c', 'import time; time.sleep(600)']) as late,
@@ -685,8 +388,7 @@ def test_a_process_with_two_nodes_does_not_stand_for_one_that_starts_later(contr
             arm.spin(0.1, controller_of(), two, late, start_patience=3.0)
 
 
-@pytest.mark.ros
-def test_a_node_that_refuses_to_set_use_sim_time_again_is_named(domain) -> None:
+def test_a_node_that_refuses_to_set_use_sim_time_again_is_named(domain):
     from rcl_interfaces.msg import ParameterEvent, SetParametersResult
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.node import Node
@@ -710,7 +412,6 @@ def test_a_node_that_refuses_to_set_use_sim_time_again_is_named(domain) -> None:
     node.destroy_node()
 
 
-@pytest.mark.ros
 @pytest.mark.parametrize(
     ('topic', 'offered', 'wanted', 'text'),
     [
@@ -731,8 +432,8 @@ def test_a_node_that_refuses_to_set_use_sim_time_again_is_named(domain) -> None:
     ids=['best effort', 'transient local', 'type'],
 )
 def test_a_node_whose_ends_do_not_match_those_of_the_arm_is_named_and_the_remedy_works(
-    topic: str, offered: str, wanted: str, text: str, domain
-) -> None:
+    topic, offered, wanted, text, domain
+):
     from rclpy.node import Node
     from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
     from sensor_msgs.msg import JointState
@@ -741,7 +442,7 @@ def test_a_node_whose_ends_do_not_match_those_of_the_arm_is_named_and_the_remedy
     offer = QoSProfile(depth=1, reliability=ReliabilityPolicy[offered])
     commands = node.create_publisher(JointState, topic, offer)
 
-    def on_state(state: Any) -> None:
+    def on_state(state):
         commands.publish(JointState(name=state.name, effort=state.effort))
 
     demand = QoSProfile(depth=1, durability=DurabilityPolicy[wanted])
@@ -754,8 +455,7 @@ def test_a_node_whose_ends_do_not_match_those_of_the_arm_is_named_and_the_remedy
     node.destroy_node()
 
 
-@pytest.mark.ros
-def test_spin_names_what_is_no_node_and_what_is_no_program(domain) -> None:
+def test_spin_names_what_is_no_node_and_what_is_no_program(domain):
     with ur5() as arm, pytest.raises(TypeError, match='spin got <function pd '):
         arm.spin(0.1, pd)
     text = 'its output ends:\n/no/program: No such file'
@@ -767,7 +467,6 @@ def test_spin_names_what_is_no_node_and_what_is_no_program(domain) -> None:
         arm.spin(0.1, process)
 
 
-@pytest.mark.ros
 @pytest.mark.parametrize(
     ('settings', 'text'),
     [
@@ -782,8 +481,8 @@ def test_spin_names_what_is_no_node_and_what_is_no_program(domain) -> None:
     ],
 )
 def test_a_run_that_cannot_begin_is_refused_and_leaves_no_node_in_the_domain(
-    settings: dict[str, Any], text: str, controller_of
-) -> None:
+    settings, text, controller_of
+):
     node = controller_of()
     with ur5(**settings) as arm, pytest.raises(ValueError, match=text):
         arm.spin(0.1, node)
@@ -793,8 +492,7 @@ def test_a_run_that_cannot_begin_is_refused_and_leaves_no_node_in_the_domain(
         ur5(ros_args='-p friction:=true')
 
 
-@pytest.mark.ros
-def test_a_callback_that_awaits_a_service_has_the_bits_of_one_that_does_not(controller_of) -> None:
+def test_a_callback_that_awaits_a_service_has_the_bits_of_one_that_does_not(controller_of):
     from sensor_msgs.msg import JointState
     from std_srvs.srv import Trigger
 
@@ -814,8 +512,7 @@ def test_a_callback_that_awaits_a_service_has_the_bits_of_one_that_does_not(cont
         assert_same_bits(arm.spin(0.1, node), called.run(pd, 0.1))
 
 
-@pytest.mark.ros
-def test_a_command_of_this_process_from_outside_the_callbacks_is_noted(controller_of) -> None:
+def test_a_command_of_this_process_from_outside_the_callbacks_is_noted(controller_of):
     sent: list[Any] = []
     node = controller_of(change=sent.append)
     (commands,) = (one for one in node.publishers if one.topic_name == '/joint_commands')
@@ -823,7 +520,7 @@ def test_a_command_of_this_process_from_outside_the_callbacks_is_noted(controlle
         assert arm.spin(0.01, node).notes == []
         step = arm.step
 
-        def busy(*given: Any) -> Any:
+        def busy(*given):
             # As another thread of the controller may.
             commands.publish(sent[-1])
             return step(*given)
@@ -833,8 +530,7 @@ def test_a_command_of_this_process_from_outside_the_callbacks_is_noted(controlle
     assert 'after its node had said that it was done' in note
 
 
-@pytest.mark.ros
-def test_commands_at_once_of_which_the_middleware_may_drop_some_are_noted(controller_of) -> None:
+def test_commands_at_once_of_which_the_middleware_may_drop_some_are_noted(controller_of):
     node = controller_of(change=lambda command: [commands.publish(command) for _ in range(150)])
     (commands,) = (one for one in node.publishers if one.topic_name == '/joint_commands')
     with ur5() as arm:
@@ -842,10 +538,7 @@ def test_commands_at_once_of_which_the_middleware_may_drop_some_are_noted(contro
     assert note.startswith('lost: 100 commands or more at once')
 
 
-@pytest.mark.ros
-def test_a_timer_after_a_restored_state_and_a_controller_that_falls_silent_are_noted(
-    domain,
-) -> None:
+def test_a_timer_after_a_restored_state_and_a_controller_that_falls_silent_are_noted(domain):
     node = node_of('timer', 'stops')
     with ur5() as arm:
         state = arm.save()
@@ -885,7 +578,7 @@ def pid_of(process: ControllerProcess) -> int:
     return int(process.text())
 
 
-def test_what_a_controller_has_started_ends_with_it() -> None:
+def test_what_a_controller_has_started_ends_with_it():
     with ControllerProcess([sys.executable, '-c', PARENT]) as process:
         started = pid_of(process)
         assert running(started)
@@ -899,7 +592,7 @@ def test_what_a_controller_has_started_ends_with_it() -> None:
     wait_until(lambda: not running(started), pause=0.05)
 
 
-def test_a_test_runner_that_is_killed_leaves_no_process_behind(tmp_path) -> None:
+def test_a_test_runner_that_is_killed_leaves_no_process_behind(tmp_path):
     code = """
 import signal, sys, time
 from pfd_ros.testing import ControllerProcess
@@ -909,7 +602,7 @@ with ControllerProcess([sys.executable, '-c', code]) as process:
     while not process.text():
         time.sleep(0.01)
     print(process.pid, flush=True)
-    time.sleep(60)
+    time.sleep(600)
 """
     path = os.pathsep.join([str(ROOT), os.environ.get('PYTHONPATH', '')])
     env = {**os.environ, 'PYTHONPATH': path}
@@ -922,32 +615,12 @@ with ControllerProcess([sys.executable, '-c', code]) as process:
     wait_until(lambda: not running(pid), pause=0.05)
 
 
-def test_a_refused_push_is_no_push_and_settings_are_those_in_use() -> None:
-    arm = ur5(external_wrench=True)
-    for given, text in (
-        (([1.0, 0.0], [0.0] * 3), 'force has 2 numbers, expected 3'),
-        (([1.0] * 3, [0.0] * 4), 'torque has 4 numbers, expected 3'),
-        (([1.0] * 3, [0.0] * 3, 'nowhere'), 'unknown_names'),
-    ):
-        with pytest.raises(ValueError, match=text):
-            arm.push(*given)
-    assert arm.pushes == []
-    arm.push([1.0, 2.0, 3.0], [0.0] * 3)
-    arm.reset()
-    assert arm.pushes == [(START, [1.0, 2.0, 3.0, 0.0, 0.0, 0.0]), (START, ())]
-    assert arm.settings.integrator == 'rk4'
-    arm.set(noise_position=0.5)
-    assert arm.settings.noise_position == 0.5
-
-
-def test_a_recorded_motion_has_one_state_of_each_stamp(tmp_path) -> None:
-    rows = [
-        Row(STATES, 9.0 + 0.01 * k, joint_state(['a'], [1.0 * k], stamp=9.0 + 0.02 * (k // 2)))
-        for k in range(20)
-    ]
-    found = recorded(write_mcap(tmp_path / 'a.mcap', rows))
-    assert found.q[:, 0].tolist() == [2.0 * k for k in range(10)]
-    assert np.diff(found.time) == pytest.approx(0.02)
+@pytest.mark.ros
+        node.close()
+        assert node.end() == 'ended with status 0'
+    found = read_log(given['recording']).settings
+    assert (found['initial_positions'], found['servo_p']) == ([0.5, -0.25], [0.0, 3.0])
+    assert pfd.load_scene(found['scene']) == given['scene']
 
 
 @pytest.mark.ros

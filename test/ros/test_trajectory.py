@@ -54,16 +54,14 @@ def step_response(damping: float, seconds: float = 2.0) -> Trajectory:
 
 
 @pytest.mark.parametrize('damping', [0.2, 0.5, 0.7])
-def test_the_overshoot_of_a_second_order_system_follows_from_its_damping_ratio(
-    damping: float,
-) -> None:
+def test_the_overshoot_of_a_second_order_system_follows_from_its_damping_ratio(damping):
     expected = math.exp(-math.pi * damping / math.sqrt(1 - damping**2))
     (found,) = step_response(damping).overshoot(TARGET)
     # The controller samples; half a period of delay takes omega h / 2 from the damping.
     assert found == pytest.approx(expected, abs=4 * FREQUENCY * STEP)
 
 
-def test_the_settling_time_of_a_critically_damped_system_solves_its_equation() -> None:
+def test_the_settling_time_of_a_critically_damped_system_solves_its_equation():
     response = step_response(1.0)
     # Within two percent: (1 + x) exp(-x) = 0.02 at x = 5.83392 time constants.
     (found,) = response.settling_time(TARGET, 0.02 * TARGET)
@@ -71,7 +69,7 @@ def test_the_settling_time_of_a_critically_damped_system_solves_its_equation() -
     assert response.overshoot(TARGET) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_settling_counts_from_the_last_sample_outside_of_the_band() -> None:
+def test_settling_counts_from_the_last_sample_outside_of_the_band():
     time = np.arange(6.0) + 10
     q = np.array([0.0, 1.0, 1.2, 1.05, 0.95, 1.0])
     assert settling_time(time, q, 1.0, 0.1) == 3.0
@@ -82,21 +80,21 @@ def test_settling_counts_from_the_last_sample_outside_of_the_band() -> None:
     assert settling_time(time, q, 1.0, 2.0) == math.inf
 
 
-def test_overshoot_is_a_share_of_the_step_in_its_direction() -> None:
+def test_overshoot_is_a_share_of_the_step_in_its_direction():
     assert overshoot(np.array([0.0, 1.1, 1.3, 0.9]), 1.0) == pytest.approx(0.3)
     assert overshoot(np.array([2.0, 0.8, 1.4]), 1.0) == pytest.approx(0.2)
     assert overshoot(np.array([2.0, 1.5]), 1.0) == 0.0
     assert math.isnan(overshoot(np.array([1.0, 1.5]), 1.0))
 
 
-def test_torque_rates_are_differences_over_the_time_between_samples() -> None:
+def test_torque_rates_are_differences_over_the_time_between_samples():
     time = np.array([0.0, 0.1, 0.3, 0.4])
     found = motion(time, np.zeros((4, 2)), [[0, 1], [1, 1], [-1, 1], [-1, 2]]).torque_rate()
     assert found == pytest.approx([10.0, 10.0])
     assert (motion([0.0], np.zeros((1, 2))).torque_rate() == 0).all()
 
 
-def test_limits_are_hit_at_the_bound_itself_and_reported_in_the_order_of_time() -> None:
+def test_limits_are_hit_at_the_bound_itself_and_reported_in_the_order_of_time():
     q = np.array([[0.0, 0.0], [0.5, -1.0], [1.0, -2.0]])
     tau = [[0, 0], [0, 7], [0, 9]]
     found = motion(
@@ -113,7 +111,7 @@ def test_limits_are_hit_at_the_bound_itself_and_reported_in_the_order_of_time() 
     ]
 
 
-def test_a_failed_assertion_names_joint_time_value_and_bound() -> None:
+def test_a_failed_assertion_names_joint_time_value_and_bound():
     time = np.arange(5) / 10
     q = np.array([[0.0, 0.0], [0.4, 1.5], [0.8, 1.1], [1.0, 0.9], [1.0, 1.0]])
     tau = np.array([[0, 0], [1, 0], [5, 0], [5, 0], [5, 0]])
@@ -144,7 +142,7 @@ def test_a_failed_assertion_names_joint_time_value_and_bound() -> None:
     )
 
 
-def test_assertions_hold_where_the_motion_is_as_expected() -> None:
+def test_assertions_hold_where_the_motion_is_as_expected():
     response = step_response(0.7)
     response.assert_settles(TARGET, within=0.01, by=0.8)
     response.assert_overshoot_below(0.05, TARGET)
@@ -154,7 +152,7 @@ def test_assertions_hold_where_the_motion_is_as_expected() -> None:
         response.assert_overshoot_below(0.04, TARGET, joint='spin')
 
 
-def test_assertions_check_the_named_joints() -> None:
+def test_assertions_check_the_named_joints():
     found = motion([0.0, 0.1, 0.2], [[0, 5], [1.5, 5], [1, 5]])
     with pytest.raises(ValueError, match="joint 'b' starts at its target 5"):
         found.assert_overshoot_below(0.9, [1.0, 5.0])
@@ -175,7 +173,7 @@ def sine(t: float) -> list[float]:
     return [math.sin(t), 0.5]
 
 
-def test_a_motion_tracks_a_reference_within_its_largest_error_and_its_rms() -> None:
+def test_a_motion_tracks_a_reference_within_its_largest_error_and_its_rms():
     exact = np.array([sine(t) for t in TIME.tolist()])
     off = exact + np.array([0.02, 0.0])
     off[50, 1] += 0.1
@@ -208,7 +206,7 @@ def test_a_motion_tracks_a_reference_within_its_largest_error_and_its_rms() -> N
             found.assert_tracks(**wrong)
 
 
-def test_a_motion_that_is_not_finite_tracks_nothing() -> None:
+def test_a_motion_that_is_not_finite_tracks_nothing():
     q = np.zeros((101, 2))
     q[70] = math.nan
     with pytest.raises(
@@ -217,7 +215,7 @@ def test_a_motion_that_is_not_finite_tracks_nothing() -> None:
         motion(TIME, q).assert_tracks([0.0, 0.0], within=1.0)
 
 
-def test_the_tip_of_a_planar_arm_is_where_its_angles_say() -> None:
+def test_the_tip_of_a_planar_arm_is_where_its_angles_say():
     robot = pfd.load_robot('planar2')
     q = np.array([[0.0, 0.0], [0.3, -0.2]])
     found = Trajectory(
@@ -239,8 +237,8 @@ def test_the_tip_of_a_planar_arm_is_where_its_angles_say() -> None:
         motion(TIME, np.zeros((101, 2))).tip()
 
 
-def test_the_time_of_a_controller_is_asserted_and_its_bound_named() -> None:
-    def slow(_t: float, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+def test_the_time_of_a_controller_is_asserted_and_its_bound_named():
+    def slow(_t, q, qd):
         time.sleep(0.002)
         return np.zeros(1)
 
@@ -256,8 +254,8 @@ def test_the_time_of_a_controller_is_asserted_and_its_bound_named() -> None:
 
 @pytest.mark.parametrize('sign', [1.0, -1.0])
 def test_a_failed_assertion_says_of_a_wrong_sign_that_the_torque_drives_the_joint_to_its_stop(
-    sign: float,
-) -> None:
+    sign,
+):
     goal = sign * TARGET
     with LockstepArm(WHEEL, joint_limits=True) as arm:
         run = arm.run(lambda t, q, qd: -20.0 * (goal - q) - 2.0 * qd, 3.0)
@@ -269,7 +267,7 @@ def test_a_failed_assertion_says_of_a_wrong_sign_that_the_torque_drives_the_join
     assert f'{force} N m, which drives it away from the target (wrong sign?)' in line
 
 
-def test_a_joint_on_its_way_does_not_rest_and_the_line_has_its_velocity() -> None:
+def test_a_joint_on_its_way_does_not_rest_and_the_line_has_its_velocity():
     # A damper of 40 N m s/rad holds the wheel at 20 / 40 rad/s.
     with LockstepArm(WHEEL) as arm:
         run = arm.run(lambda t, q, qd: 20.0 - 40.0 * qd, 0.5)
@@ -311,8 +309,8 @@ def diagnosis(
 
 @pytest.mark.parametrize(('frequency', 'growth'), [(3.0, -1.5), (12.5, 0.0), (44.0, 2.0)])
 def test_an_oscillation_has_the_frequency_amplitude_and_growth_that_it_was_made_of(
-    frequency: float, growth: float
-) -> None:
+    frequency, growth
+):
     signal = 0.7 * np.exp(growth * TIMES) * np.sin(TURN * frequency * TIMES) + 4.0
     found = oscillation(TIMES, signal)
     assert found is not None
@@ -322,14 +320,14 @@ def test_an_oscillation_has_the_frequency_amplitude_and_growth_that_it_was_made_
         assert found.amplitude == pytest.approx(0.7, rel=PEAK_TOLERANCE)
 
 
-def test_an_oscillation_from_sample_to_sample_has_half_the_control_rate() -> None:
+def test_an_oscillation_from_sample_to_sample_has_half_the_control_rate():
     found = oscillation(TIMES, np.resize([1.0, -1.0], len(TIMES)))
     assert found is not None
     assert found.frequency == pytest.approx(500.0, rel=FREQUENCY_TOLERANCE)
     assert (found.amplitude, found.growth) == (1.0, pytest.approx(0.0, abs=1e-12))
 
 
-def test_noise_below_a_share_of_the_motion_and_a_single_step_are_no_oscillation() -> None:
+def test_noise_below_a_share_of_the_motion_and_a_single_step_are_no_oscillation():
     noise = np.random.default_rng(0).uniform(-0.01, 0.01, len(TIMES))
     assert oscillation(TIMES, TIMES + noise) is None
     assert oscillation(TIMES, np.exp(-5 * TIMES) * TIMES) is None
@@ -382,7 +380,7 @@ MOTIONS: dict[str, tuple[Any, Any, Any, str, str]] = {
 
 
 @pytest.mark.parametrize('name', MOTIONS)
-def test_a_motion_is_diagnosed_by_its_target_or_its_reference(name: str) -> None:
+def test_a_motion_is_diagnosed_by_its_target_or_its_reference(name):
     q, target, tau, kind, text = MOTIONS[name]
     found = diagnosis(q, target, tau, stops=(-9.0, 0.8) if q is HELD else NO_LIMIT)
     assert next(iter(found), '') == kind, found
@@ -394,7 +392,7 @@ def test_a_motion_is_diagnosed_by_its_target_or_its_reference(name: str) -> None
 @pytest.mark.parametrize(
     ('growth', 'word'), [(-2.0, 'decaying'), (0.0, 'steady'), (0.2, 'steady'), (2.0, 'growing')]
 )
-def test_an_oscillation_decays_or_grows_only_if_all_of_it_does(growth: float, word: str) -> None:
+def test_an_oscillation_decays_or_grows_only_if_all_of_it_does(growth, word):
     wave = 0.3 * np.exp(growth * TIMES) * np.sin(TURN * 2.0 * TIMES)
     assert word in text_of(diagnosis(wave, 0.0))
     # Smaller ripples at its end do not make it decay.
@@ -402,12 +400,12 @@ def test_an_oscillation_decays_or_grows_only_if_all_of_it_does(growth: float, wo
     assert growth < 0.0 or 'decaying' not in text_of(diagnosis(rippled, 0.0))
 
 
-def test_an_oscillation_is_compared_with_the_rate_of_the_commands_if_it_is_known() -> None:
+def test_an_oscillation_is_compared_with_the_rate_of_the_commands_if_it_is_known():
     assert '(0.1 of the control rate)' in text_of(diagnosis(FAST, 0.0, period=4e-3))
     assert 'control rate' not in text_of(diagnosis(FAST, 0.0, period=math.nan))
 
 
-def test_commanded_efforts_and_the_ones_that_motors_gave_have_one_diagnosis() -> None:
+def test_commanded_efforts_and_the_ones_that_motors_gave_have_one_diagnosis():
     commanded = 50.0 * np.sin(TURN * 3 * TIMES)
     measured = np.clip(commanded, -20.0, 20.0)
     q = 1.1 - np.exp(-9 * TIMES)
@@ -419,11 +417,11 @@ def test_commanded_efforts_and_the_ones_that_motors_gave_have_one_diagnosis() ->
     assert f'at the torque limit 20 N m for {share:.3g} % of the time' in found
 
 
-def test_a_joint_that_was_never_commanded_is_braked_whatever_it_does() -> None:
+def test_a_joint_that_was_never_commanded_is_braked_whatever_it_does():
     assert [*diagnosis(FAST, 0.0, 30.0, full=20.0, commanded=False)] == ['never commanded']
 
 
-def test_what_a_log_does_not_hold_hits_no_limit_and_an_assertion_about_it_is_an_error() -> None:
+def test_what_a_log_does_not_hold_hits_no_limit_and_an_assertion_about_it_is_an_error():
     found = motion([0.0, 0.1], np.zeros((2, 2)), [[math.nan, 1.0]] * 2, effort=[5.0, 5.0])
     found.assert_no_limit_hit()
     found.assert_no_limit_hit('effort', joint='b')
@@ -435,7 +433,7 @@ def test_what_a_log_does_not_hold_hits_no_limit_and_an_assertion_about_it_is_an_
 
 
 @pytest.mark.parametrize('q', [AWAY, 2.0 * TIMES, SINE + FAST])
-def test_without_velocities_a_diagnosis_is_by_those_of_the_positions(q) -> None:
+def test_without_velocities_a_diagnosis_is_by_those_of_the_positions(q):
     limits = {'position': NO_LIMIT, 'velocity': NO_LIMIT, 'effort': NO_LIMIT}
     state = TIMES, q, np.full(len(q), math.nan), np.zeros(len(q))
     assert joint_diagnosis(Samples(*state, 0.0, limits, UNITS, SAMPLE)) == diagnosis(q, 0.0)

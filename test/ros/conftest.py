@@ -37,6 +37,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.skip(reason='rclpy is not installed'))
 
 
+@pytest.fixture(scope='session', autouse=True)
+def signals_of_a_terminal() -> None:
+    """Let processes that tests start take signals, also under nohup and in the background."""
+    for number in SIGNALS:
+        if signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, signal.SIG_DFL)
+
+
 @pytest.fixture(autouse=True)
 def signals_as_before() -> Iterator[None]:
     """Undo what `pfd` in the process of a test does to signals: it leaves that to its own end."""

@@ -41,7 +41,7 @@ from pfd_ros.messages.topics import message_class
 from pfd_ros.recording.bags import BagMessage
 from pfd_ros.recording.format import LogError
 from pfd_ros.replay.playlist import CLOCK, KNOWN_QOS, Playlist, PlayOptions, playlist
-from pfd_ros.replay.schedule import RATES, Event, Schedule, Send, Tick
+from pfd_ros.replay.schedule import RATES, Schedule, Send
 from pfd_ros.text import cut, one_line
 
 NAME = 'log_player'
@@ -132,7 +132,7 @@ class _Player:
             about = ParameterDescriptor(description=meaning, dynamic_typing=True)
             self.node.declare_parameter(name, value, about)
         self.node.add_on_set_parameters_callback(self._on_parameters)
-        self._sent = self._late = self._longest_late_ns = self._served_ns = 0
+        self._sent = self._late = self._longest_late_ns = self._served_ns = self._ticked_ns = 0
         # Why messages could not be read.
         self._failure: Exception | None = None
         latched = {name: x for name, x in found.topics.items() if x.qos.transient_local}
@@ -140,10 +140,10 @@ class _Player:
             self._messages,
             {name: profile_of(topic.qos).depth for name, topic in latched.items()},
             found.window,
+            self._say_jump,
             rate=options.rate,
             loop=options.loop,
             paused=options.start_paused,
-            tick_ns=found.tick_ns,
         )
 
     def _messages(self) -> Iterator[BagMessage]:
@@ -180,15 +180,24 @@ class _Player:
     def _publish_due(self) -> None:
         """Publish the messages that are due, or wait for them and answer calls."""
         now = time.monotonic_ns()
-        while (event := self._schedule.due(now)) is not None and not self._stop.is_set():
-            self._handle(event, now)
+        while (send := self._schedule.due(now)) is not None and not self._stop.is_set():
+            self._send(send, now)
             now = time.monotonic_ns()
             if now - self._served_ns > SERVE_NS:
                 break
+        if self._schedule.ended:
+            return
         when = self._schedule.next_ns()
+        if self._found.tick_ns is not None:
+            tick = self._ticked_ns + self._found.tick_ns
+            if tick <= now:
+                self._clock.publish(encode_clock(self._schedule.position_ns(now)))
+                # Late ticks are one.
+                self._ticked_ns = now - (now - tick) % self._found.tick_ns
+                tick = self._ticked_ns + self._found.tick_ns
+            when = tick if when is None else min(when, tick)
         wait = SLICE_SECONDS if when is None else (when - time.monotonic_ns()) / NANOSECONDS
-        if not self._schedule.ended:
-            self._serve(max(0.0, min(wait, SLICE_SECONDS)))
+        self._serve(max(0.0, min(wait, SLICE_SECONDS)))
 
     def _serve(self, seconds: float) -> None:
         """Run at most one callback, or wait for so long."""
@@ -198,20 +207,19 @@ class _Player:
             _say(f'ROS: a request failed: {type(error).__name__}: {error}')
         self._served_ns = time.monotonic_ns()
 
-    def _handle(self, event: Event, now: int) -> None:
-        if isinstance(event, Send):
-            self._publishers[event.message.topic].publish(event.message.data)
-            self._sent += 1
-            late = 0 if event.due_ns is None else now - event.due_ns
-            self._longest_late_ns = max(self._longest_late_ns, late)
-            self._late += late > LATE_NS
-        elif isinstance(event, Tick):
-            self._clock.publish(encode_clock(event.log_ns))
-        else:
-            back = 'back ' if event.to_ns < event.from_ns else ''
-            times = f'from {self._seconds(event.from_ns)} to {self._seconds(event.to_ns)}'
-            label = 'seek' if event.loop is None else f'loop {event.loop}'
-            _say(f'{label}: jumped {back}{times}')
+    def _send(self, send: Send, now: int) -> None:
+        self._publishers[send.message.topic].publish(send.message.data)
+        self._sent += 1
+        late = 0 if send.due_ns is None else now - send.due_ns
+        self._longest_late_ns = max(self._longest_late_ns, late)
+        self._late += late > LATE_NS
+
+    def _say_jump(self, from_ns: int, to_ns: int, loop: int | None) -> None:
+        back, label = (
+            'back ' if to_ns < from_ns else '',
+            'seek' if loop is None else f'loop {loop}',
+        )
+        _say(f'{label}: jumped {back}from {self._seconds(from_ns)} to {self._seconds(to_ns)}')
 
     def _wait_for_readers(self) -> None:
         """Wait until reliable subscriptions have the last messages."""
@@ -238,11 +246,11 @@ class _Player:
     def _on_step(self, asked: Any, response: Any) -> Any:
         now, response.message = time.monotonic_ns(), 'refused: end of the log reached'
         try:
-            for event in self._schedule.step(now):
-                self._handle(event, now)
-                if isinstance(event, Send) and event.due_ns is not None:
-                    name = self._publishers[event.message.topic].topic_name
-                    response.message = f'{name} at {self._seconds(event.message.log_ns)}'
+            for send in self._schedule.step(now):
+                self._send(send, now)
+                if send.due_ns is not None:
+                    name = self._publishers[send.message.topic].topic_name
+                    response.message = f'{name} at {self._seconds(send.message.log_ns)}'
                     response.success = True
         except ValueError as error:
             response.message = one_line(f'refused: {error}')

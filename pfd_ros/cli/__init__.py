@@ -4,7 +4,7 @@
 
     main      the commands, `--ros-args`, errors as one line and an exit status
     terminal  a command as a record; shared options, printed lines, progress, signals
-    logs      replay (summary, --verify, --what-if, --publish), info, compare, recover
+    logs      replay (--verify, --what-if, --publish), info, compare, recover
     report    report log, report scene
     view      view: the arm of a log or of a running node in 3D, in a browser
     doctor    doctor: installed packages, tests of them, speed of this machine

@@ -11,8 +11,6 @@ INCOMPLETE if --verify found everything equal in a log that is incomplete.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
-from datetime import datetime, timezone
 import json
 from pathlib import Path
 import sys
@@ -38,7 +36,6 @@ if TYPE_CHECKING:
     from pfd_ros.replay.compare import Curves
 
 INCOMPLETE = 3
-NANOSECONDS = 1_000_000_000
 # Of the settings of a recording, on one line.
 LONGEST_LINE = 10_000
 # Of the clock without a number, as `ros2 bag play --clock` [Hz].
@@ -134,10 +131,10 @@ def _replay(given: argparse.Namespace) -> int:
         return _what_if(given, chosen)
     if given.verify:
         return _verify(given.log, **chosen)
-    from pfd_ros.replay.summary import lines, summarize
+    from pfd_ros.recording.log import Log
 
-    print_lines(lines(summarize(given.log)))
-    return 0
+    Log(given.log)  # an error for any other log
+    return _info(given)
 
 
 def _verify(path: Path, allow_incomplete: bool = False) -> int:
@@ -216,47 +213,16 @@ def _info_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _info(given: argparse.Namespace) -> int:
-    from pfd_ros.recording.facts import facts
+    from pfd_ros.recording.facts import facts, lines
 
     found = facts(given.log)
-    if given.json:
+    if given.command == 'info' and given.json:
         _print_json(found)
     else:
-        print_lines(_info_lines(found), LONGEST_LINE)
+        print_lines(lines(found), LONGEST_LINE)
     topics = found['topics'].items()
     unread = [f'{name}: {t["unreadable"]}' for name, t in topics if t['unreadable']]
     return status_of(given, unread)
-
-
-def _info_lines(found: dict[str, Any]) -> Iterator[str]:
-    """Yield the lines about any log, as `ros2 bag info` has them."""
-    yield f'log        {found["path"]}'
-    yield f'size       {found["bytes"] / 1e6:.3f} MB{"" if found["complete"] else ", cut off"}'
-    yield f'messages   {found["messages"]}'
-    if found['begin_ns'] is not None and found['end_ns'] is not None:
-        yield f'begin      {_date(found["begin_ns"], simulated=found["simulated"])}'
-        yield f'end        {_date(found["end_ns"], simulated=found["simulated"])}'
-        yield f'length     {(found["end_ns"] - found["begin_ns"]) / NANOSECONDS:.6f} s'
-    names = max(map(len, found['topics']), default=0)
-    kinds = max((len(topic['type']) for topic in found['topics'].values()), default=0)
-    for name, topic in found['topics'].items():
-        line = f'topic      {name:{names}}  {topic["type"]:{kinds}}  {topic["messages"]:8}'
-        if topic['median_interval_ns'] is not None and topic['longest_gap_ns'] is not None:
-            median, gap = topic['median_interval_ns'] * 1e-6, topic['longest_gap_ns'] * 1e-6
-            line += f'  every {median:.3f} ms, longest gap {gap:.3f} ms'
-        yield line + (f'  not decoded: {topic["obstacle"]}' if topic['obstacle'] else '')
-    for name, values in (('totals', found['end'].get('totals')), ('settings', found['settings'])):
-        if values:
-            yield f'{name:10} {", ".join(f"{key}={value}" for key, value in values.items())}'
-
-
-def _date(ns: int, *, simulated: bool) -> str:
-    if simulated:
-        return f'{ns / NANOSECONDS:.6f} s of simulated time'
-    try:
-        return datetime.fromtimestamp(ns / NANOSECONDS, timezone.utc).isoformat(sep=' ')
-    except (ValueError, OverflowError, OSError):
-        return f'{ns} ns'  # later than the year 9999
 
 
 def _compare_arguments(parser: argparse.ArgumentParser) -> None:
@@ -325,7 +291,7 @@ def _recover(given: argparse.Namespace) -> int:
 
 COMMANDS = {
     'replay': Command(
-        'summarize, verify or re-simulate a recording with changes; or publish a log',
+        'verify a recording, or simulate it again with changes; or publish a log',
         'pfd replay run.mcap --verify',
         _replay_arguments,
         _replay,

@@ -14,7 +14,7 @@ Any bag as arrays, `pfd_ros.read_log`:
     bags            messages of MCAP files, of folders of rosbag2 and of SQLite files
     topic_arrays    the messages of one topic as arrays, decoded in blocks
     arrays          read_log: arrays by topic and field, in a window of time
-    facts           what `pfd info` prints
+    facts           what `pfd info` and `pfd replay` print
 
 A new channel is a row of `pfd_ros.arm.events.ROLES`. A new key of the metadata is one of
 format.HeadKey or format.EndKey; readers ignore unknown keys.

@@ -5,7 +5,6 @@
 From the file to the result:
 
     verify        the engine fed from the recording, its outputs compared byte for byte
-    summary       the contents of a recording, for people
 
 Any log, published by the node `log_player`:
 

@@ -123,7 +123,11 @@ LOGS: dict[str, tuple[int, str, str]] = {
     'info text.mcap': (1, '', '^pfd info: .*text.mcap'),
     'info empty.mcap': (1, '', '^pfd info: .*empty.mcap'),
     'info none.mcap': (1, '', r'^pfd info: none\.mcap: No such file or directory$'),
-    'replay whole.mcap': (0, r'cycles +60 of 0\.001 s(?s:.*)rejected +1 commands wrong_size', ''),
+    'replay whole.mcap': (
+        0,
+        r'run .* 60 cycles, 0\.060 s(?s:.*)rejected +1 commands wrong_si',
+        '',
+    ),
     'replay cut.mcap': (0, 'cut off', ''),
     'replay first.mcap': (1, '', 'first edition of pfd_ros'),
     'replay text.mcap': (1, '', '^pfd replay: .*text.mcap'),

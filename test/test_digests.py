@@ -364,7 +364,7 @@ def findings(name: str) -> dict[str, Any]:
             }
             for plot in shown.plots
         ],
-        'notes': len(shown.notes),
+        'notes': len(shown.run.notes),
     }
 
 

@@ -80,23 +80,21 @@ def _report(given: argparse.Namespace) -> int:
 
 def _log(given: argparse.Namespace, out: Path | None) -> int:
     from pfd_ros.page.page import TYPES, page
-    from pfd_ros.page.recorded import Recorded
     from pfd_ros.recording.arrays import read_log
 
     robot = None if given.robot is None else pfd.load_robot(given.robot)
     log = read_log(given.log, types=TYPES, unreadable='count', start=given.start, end=given.end)
     if (given.start, given.end) != (None, None) and not any(map(len, log.received_ns.values())):
         raise ValueError(f'{given.log} has no message between --start and --end; see pfd info')
-    run = Recorded(log, robot)
+    found = page(log, robot=robot)
     if out is not None:
-        found = page(log, robot=robot)
         found.write(out)
-        print_lines([found.said, *(f'note: {note}' for note in found.notes), out])
+        print_lines([found.said, *(f'note: {note}' for note in found.run.notes), out])
     if given.pytest is not None:
         from pfd_ros.testing.written import write_test
 
-        print_lines(write_test(run, given.pytest, given.controller or '', given.robot or ''))
-    return status_of(given, run.unreadable)
+        print_lines(write_test(found.run, given.pytest, given.controller or '', given.robot or ''))
+    return status_of(given, found.run.unreadable)
 
 
 def _scene(given: argparse.Namespace, out: Path) -> int:

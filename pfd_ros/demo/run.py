@@ -167,18 +167,19 @@ def _results(base: Path, robot: pfd.Robot, seconds: float) -> Iterator[str]:
     if len(log[states]) < 2:
         yield 'the recording has no states'
         return
-    run = Recorded(log, robot)
+    shown = page(log, robot=robot)
+    run = shown.run
     begin, end = run.span
     rest = 'at rest before and after it'
     print(f'           {end - begin:.3f} s: {seconds:g} s of motion, {rest}')
-    slow, shown = _rate(log, states), page(log, robot=robot)
+    slow = _rate(log, states)
     for heading, line in zip(['tracking', *[''] * robot.n], shown.joints, strict=False):
         print(f'{heading:10s} {line}')
     off = max((_error(run, item) for item in commanded_positions(run)), default=np.inf)
     if off > TRACKING_LIMIT and not slow:
         yield f'the arm was {off:.3g} off its motion, expected {TRACKING_LIMIT} at most'
     shown.write(base.with_suffix('.html'))
-    yield from shown.unreadable
+    yield from run.unreadable
     print(f'page       {base}.html: {shown.said}')
     # As typed here: the environment may not be active, and the view is an extra.
     typed = sys.argv[0] if Path(sys.argv[0]).name == 'pfd' else 'pfd'

@@ -72,9 +72,7 @@ class Page(NamedTuple):
     findings: list[Finding]  # in the order of time
     joints: list[str]  # a line on the motion of each joint
     plots: list[Plot]
-    # Lines on the log, and on what cannot be read of it: then the log is not known to be good.
-    notes: list[str]
-    unreadable: list[str]
+    run: Recorded  # with lines on the log, and on what cannot be read of it: then it is not good
 
     def write(self, path: Path) -> None:
         """Write the page to a new file; OSError if it exists or cannot be written."""
@@ -172,8 +170,7 @@ def _page(run: Recorded, marks: Sequence[Moment | Reference]) -> Page:
         'first': None if first is None else first.time,
     }
     html = _document(run.log.path.name, ''.join(cards), data)
-    lists = found, joints, plots[:MOST_PLOTS], [*run.notes], [*run.unreadable]
-    return Page(html, said, first, *lists)
+    return Page(html, said, first, found, joints, plots[:MOST_PLOTS], run)
 
 
 def _said(run: Recorded, first: Finding | None) -> tuple[str, str]:

@@ -577,4 +577,4 @@ def test_limits_of_efforts_are_those_of_the_motors_where_states_show_torques_wit
         hits = [x.joint for x in motion.limits_hit() if x.kind == 'effort']
         assert limited == ([('panda_joint2', pytest.approx(0.002))] if outputs else [])
         assert hits == (['panda_joint2'] if outputs else [])
-        assert any('true_states' in note for note in page.notes) == (not outputs)
+        assert any('true_states' in note for note in page.run.notes) == (not outputs)

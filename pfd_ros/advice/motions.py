@@ -8,7 +8,7 @@ state, and recorded states may have errors of sensors.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 import pfd_core as pfd
 from pfd_ros.arm.description import load_robot
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import ASIDES, INPUTS
 from pfd_ros.arm.plant import simulator_settings
 from pfd_ros.arm.state import BRAKE
-from pfd_ros.recording.format import EndKey, LogError, damage_named
+from pfd_ros.recording.format import LogError, damage_named
 from pfd_ros.recording.log import Log
+from pfd_ros.replay.inputs import Fed, Input, recorded_inputs
 from pfd_ros.text import cut, listed
 
 # Of sines: arguments of the simulator, length [s], bandwidth of the controller [rad/s], and the
@@ -114,30 +114,25 @@ def read_motion(
     brakes: list[NDArray[Any]] = []
     with damage_named(log.path):
         engine = Engine(log.settings, log.robot, ())
-        scene = engine.plant.scene
+        scene, state = engine.plant.scene, engine.state
 
-        def run_to(cycle: int) -> None:
-            state = engine.state
-            while state.cycle < cycle and not engine.waiting:
-                before, step = state.rows[state.now].copy(), state.step
-                engine.step()
-                if state.step > step:
-                    before[2] = state.rows[state.now, 2]
-                    states.append(before)
-                    brakes.append(state.acting[BRAKE] > 0.0)
-
-        for message in log.messages():
-            if message.role in ASIDES:
-                continue
-            taken = message.role in INPUTS
-            run_to(message.cycle - taken)
-            if taken:
-                engine.step([message], run=False)
-                jumps = engine.state.jump is not None
-                if jumps or engine.plant.scene != scene or engine.state.wrench.any():
+        def watched() -> Iterator[Input]:
+            for each in recorded_inputs(log, engine):
+                yield each
+                # It was taken.
+                jumps = state.jump is not None
+                if jumps or engine.plant.scene != scene or state.wrench.any():
                     what = 'the state is set' if jumps else 'payload, scene or wrench change'
-                    raise ValueError(f'{what} in cycle {message.cycle}: not one motion')
-        run_to(int(log.end[EndKey.TOTALS]['cycles']) if log.end else 0)
+                    raise ValueError(f'{what} in cycle {each.cycle}: not one motion')
+
+        fed = Fed(watched(), engine, lambda *_: None)
+        while not fed.ended:
+            before, step = state.rows[state.now].copy(), state.step
+            fed.cycle()
+            if state.step > step:
+                before[2] = state.rows[state.now, 2]
+                states.append(before)
+                brakes.append(state.acting[BRAKE] > 0.0)
     if not states or np.all(brakes):
         raise LogError(
             f'{path} holds no torques: no command was accepted in its {len(states)} steps, and '

@@ -260,13 +260,8 @@ def _compare(given: argparse.Namespace) -> int:
     else:
         print_lines(compare.lines(found))
     _plot(found.curves, (given.a, given.b), given.plot)
-    unread = [
-        f'{log.path}, {topic}: {lost}'
-        for log in logs
-        for topic in log
-        if (lost := log.unread(topic))
-    ]
-    return status_of(given, unread) or int(not found.within)
+    lost = [line for log in logs for line in log.lost(log)]
+    return status_of(given, lost) or int(not found.within)
 
 
 def _recover_arguments(parser: argparse.ArgumentParser) -> None:

@@ -22,6 +22,7 @@ from pfd_ros.cli.terminal import (
     ended_by_signals,
     print_lines,
     progress_on,
+    status_of,
 )
 from pfd_ros.text import listed
 from pfd_ros.view.ports import OPENED, check_page
@@ -82,13 +83,16 @@ def _log(given: argparse.Namespace) -> int:
     packages, rename = tuple(given.package_path), dict(given.rename)
     shown = ShownLog(given.log, given.robot, given.topic, packages, rename, given.wrench_topic)
     print_lines(shown.problems)
-    ghost = None
+    ghost, unreadable = None, shown.unreadable
     if given.ghost or given.ghost_topic:
         path, robot = given.ghost or given.log, None if given.ghost else given.robot
         ghost = ShownLog(path, robot, given.ghost_topic, packages, rename, other=shown.urdf)
         print_lines(f'ghost: {line}' for line in ghost.problems)
+        unreadable += [f'ghost: {line}' for line in ghost.unreadable]
         if shown.offset(ghost) is None:
             print_lines(['ghost: the logs have no time in common: both start at 0'])
+
+    status = status_of(given, unreadable)
 
     def fill(server: Any) -> Any:
         return shown.fill(server, ghost)
@@ -102,7 +106,7 @@ def _log(given: argparse.Namespace) -> int:
             with suppress(KeyboardInterrupt):
                 _announce(address(server), given.log.name, given.open)
                 player.run(threading.Event())
-    return int(shown.unreadable > 0)
+    return status
 
 
 def _live(given: argparse.Namespace) -> None:

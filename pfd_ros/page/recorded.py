@@ -88,10 +88,8 @@ class Recorded:
 
     def _topic(self, topic: str) -> TopicArrays | None:
         """Return the messages of a topic, None without any; note what cannot be read."""
-        obstacle, lost = self.log.obstacle(topic), self.log.unread(topic)
-        found = None if obstacle else self.log[topic]
-        if obstacle or lost:
-            self.unreadable[one_line(obstacle or f'{cut(topic)}: {lost}')] = None
+        self.unreadable |= dict.fromkeys(self.log.lost([topic]))
+        found = None if self.log.obstacle(topic) else self.log[topic]
         return found if found is not None and len(found) else None
 
     def of_role(self, role: str) -> TopicArrays | None:

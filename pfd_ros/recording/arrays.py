@@ -28,7 +28,7 @@ from pfd_ros.recording.format import FORMAT, HeadKey, LogError, damage_named
 from pfd_ros.recording.log import robot_of
 from pfd_ros.recording.mcap_records import EXPANSION
 from pfd_ros.recording.topic_arrays import TopicArrays, TopicReader
-from pfd_ros.text import cut, listed
+from pfd_ros.text import cut, listed, one_line
 
 RAISE, COUNT = 'raise', 'count'
 
@@ -106,6 +106,25 @@ class LogArrays:
             raise found
         return found
 
+    def of_type(self, *kinds: str) -> dict[str, TopicArrays]:
+        """Return the topics of some types that can be read and have messages."""
+        there = (t for t in self if self.topics[t] in kinds and not self.obstacle(t))
+        return {topic: self[topic] for topic in there if len(self[topic])}
+
+    def required(self, topic: str, *kinds: str) -> TopicArrays:
+        """Return a topic of some types; LogError that says what it is, and names those topics."""
+        found = self.of_type(*kinds)
+        if topic not in found:
+            kind = self.topics.get(topic, '')
+            why = f'is {cut(kind)}' if kind and kind not in kinds else 'has no such messages'
+            why = self.obstacle(topic) or self.unread(topic) or why
+            why = why if kind else 'is not in the log'
+            raise LogError(
+                f'{self.path}: topic {cut(topic)!r} {why}, expected {" or ".join(kinds)}; topics '
+                f'of such messages are {listed(sorted(found))}'
+            )
+        return found[topic]
+
     def obstacle(self, topic: str) -> str:
         """Return why a topic cannot be read, '' if it can."""
         found = self.read.get(topic)
@@ -118,6 +137,15 @@ class LogArrays:
             return ''
         count, reason = len(self.received_ns[topic]), self[topic].reason
         return f'{lost} of {count} messages cannot be read (the first: {reason})'
+
+    def lost(self, topics: Iterable[str]) -> list[str]:
+        """Return a line for each of some topics of which something cannot be read."""
+        found = []
+        for topic in topics:
+            unread = self.unread(topic)
+            unread = unread and f'{self.path}, topic {cut(topic)!r}: {unread}'
+            found.append(one_line(self.obstacle(topic) or unread))
+        return [line for line in found if line]
 
     def messages(self, topic: str) -> list[bytes]:
         """Return the bytes of all messages of a topic, read again, malformed ones included."""

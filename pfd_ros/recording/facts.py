@@ -54,7 +54,7 @@ def facts(path: str | os.PathLike[str]) -> dict[str, Any]:
     files = log.bag.files()
     # The description of a folder is a part of it.
     parts = list(Path(path).iterdir()) if Path(path).is_dir() else files
-    with damage_named(path):
+    with damage_named(log.path):
         run = None if log.settings is None else _run(log, log.settings)
     return {
         'path': str(path),

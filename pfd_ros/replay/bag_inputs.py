@@ -51,20 +51,9 @@ class BagInputs:
     ) -> None:
         self._log, self._commands, self._rename = renamed(log, rename), commands, rename
         self._name = str(log.path)
-        present = sorted(name for name, times in log.received_ns.items() if len(times))
-        if commands not in present:
-            raise LogError(
-                f'{log.path} has no messages on {cut(commands)!r}; its topics are '
-                f'{listed(present)}'
-            )
-        kind = log.topics[commands]
-        if kind not in (JOINT_STATE, FLOAT_ARRAY):
-            raise LogError(
-                f'{log.path}: topic {cut(commands)!r} is {cut(kind)}, expected {JOINT_STATE} or '
-                f'{FLOAT_ARRAY}'
-            )
-        known = [t for t in log if log.topics[t] == JOINT_STATE and not log.obstacle(t)]
-        known = sorted(t for t in known if np.isfinite(log[t].position).any())
+        log.required(commands, JOINT_STATE, FLOAT_ARRAY)
+        moving = log.of_type(JOINT_STATE).items()
+        known = sorted(t for t, found in moving if np.isfinite(found.position).any())
         usual = [name for name in (commands, USUAL_STATES) if name in known]
         self.topic = states or (usual[0] if usual else known[0] if len(known) == 1 else '')
         if self.topic not in known:

@@ -121,10 +121,8 @@ def compare(
     if lag is not None and not math.isfinite(lag):
         raise ValueError(f'lag must be finite, got {lag}')
     pairs = [topics] if topics else _pairs(a, b)
-    for log, topic in zip((a, b), pairs[0], strict=True):
-        kind = log.topics.get(topic, 'not in the log')
-        if kind != JOINT_STATE:
-            raise ValueError(f'{log.path}: topic {topic!r} is {kind}, expected {JOINT_STATE}')
+    for log, topic in zip((a, b), topics or (), strict=False):
+        log.required(topic, JOINT_STATE)
     # The tracks of both logs by pair of topics and joint.
     joints = {pair: _joints(a[pair[0]], b[pair[1]]) for pair in pairs}
     if a.roles and b.roles and not topics:

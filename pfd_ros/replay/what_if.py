@@ -32,7 +32,7 @@ from pfd_ros.files import free_path
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
-from pfd_ros.recording.arrays import LogArrays, read_log
+from pfd_ros.recording.arrays import read_log
 from pfd_ros.recording.format import LogError, OtherLogError, damage_named
 from pfd_ros.recording.log import Log
 from pfd_ros.recording.recorder import Recorder, topic_names
@@ -272,7 +272,7 @@ def _of_recording(path: Path, changes: Changes) -> Case:
         urdf if 'robot' in changes.values else log.description,
         begins[1],
         arrays.complete,
-        _unread(arrays, [topic]),
+        arrays.lost([topic]),
         log.topics,
         also=tuple(
             f'{name}={value}'
@@ -292,12 +292,8 @@ def _of_bag(
     settings = bag.settled(replace(settings, **UNTIED), robot.joint_names, given=given)
     start_ns = settings.start_ns + settings.step_ns
     old = _States(bag.topic, bag.states, (bag.times_ns - bag.start_ns) / NANOSECONDS)
-    problems = _unread(log, dict.fromkeys((bag.topic, commands)))
+    problems = log.lost(dict.fromkeys((bag.topic, commands)))
     return Case(bag.inputs, old, settings, robot, urdf, start_ns, log.complete, problems, {}, bag)
-
-
-def _unread(log: LogArrays, topics: Iterable[str]) -> list[str]:
-    return [f'{topic}: {lost}' for topic in topics if (lost := log.unread(topic))]
 
 
 def _engine(case: Case, settings: Settings) -> Engine:

@@ -79,15 +79,14 @@ class ShownLog:
         if not log.complete:
             problems[f'{path} was cut off: it is shown up to the cut'] = None
         self.urdf, folder = _model(log, robot, other, problems)
-        states = _states(log, topic, self.urdf, problems)
+        # Lines on what of the shown topics cannot be read.
+        self.unreadable: list[str] = []
+        states = self._states(log, topic, problems)
         self.joints = tuple(name for name in states.names if name in self.urdf.joints)
-        self.unreadable = states.unreadable
         unknown = [name for name in states.names if name not in self.urdf.joints]
         if unknown:
             text = f'{len(unknown)} joints of the log are not in the model: {listed(unknown)}'
             problems[text] = None
-        if states.unreadable:
-            problems[f'{states.unreadable} joint states cannot be read'] = None
         ns, order = states.log_ns, np.arange(len(states))
         stamps = states.stamp_ns
         if stamps is not None and (len(stamps) == 1 or np.ptp(stamps) > 0):
@@ -109,7 +108,7 @@ class ShownLog:
         recorded = None if log.robot is None else log.robot.tip
         self.tip = recorded if recorded in self.poses.links else self.poses.tip
         self.wrench, self.payload = (
-            _acting(log, source, wanted, (ns, states.log_ns[order]), self.poses.links, problems)
+            self._acting(log, source, wanted, (ns, states.log_ns[order]), problems)
             for source, wanted in ((WRENCHES, wrench_topic), (PAYLOADS, None))
         )
         self.drawing = draw(self.urdf, Meshes(folder, packages))
@@ -140,6 +139,64 @@ class ShownLog:
         offset = ghost.start - self.start
         return offset if -ghost.time[-1] <= offset <= self.time[-1] else None
 
+    def _states(self, log: LogArrays, topic: str | None, problems: dict[str, None]) -> TopicArrays:
+        """Return the joint states to show."""
+        known = {t: x.names for t, x in log.of_type(JOINT_STATE).items()}
+        if topic is None and not known:
+            why = [why for t in log if (why := log.obstacle(t))]
+            raise ValueError('; '.join(why) or f'{log.path} has no messages of {JOINT_STATE}')
+        joints = self.urdf.joints
+        named = [t for t in known if t.rpartition('/')[2] == STATES] or [*known]
+        chosen = topic or max(named, key=lambda t: len({*known[t]} & joints.keys()))
+        if topic is None and len(named) > 1:
+            line = f'several topics of joint states, {listed(named)}: shown is {cut(chosen)}'
+            problems[f'{line}; --topic names another'] = None
+        self.unreadable += log.lost([chosen])
+        found = log.required(chosen, JOINT_STATE)
+        if joints.keys().isdisjoint(found.names):
+            raise ValueError(
+                f'no joint of {cut(chosen)} in {log.path} is one of the model: it has '
+                f'{listed(found.names)}, the model {listed(list(joints))}; --robot names another '
+                'model, --rename OLD=NEW other beginnings of names'
+            )
+        return found
+
+    def _acting(
+        self,
+        log: LogArrays,
+        source: Source,
+        topic: str | None,
+        times_ns: tuple[NDArray[np.int64], NDArray[np.int64]],
+        problems: dict[str, None],
+    ) -> list[Load | None]:
+        """Return a load in each of the states, by their times and their log times."""
+        there = [name for name in sorted(log) if log.topics[name] == source.type]
+        there = [name for name in there if len(log.received_ns[name])]
+        if topic is not None:
+            log.required(topic, source.type)
+        elif log.roles:
+            topic = next((name for name in there if log.roles.get(name) == source.role), None)
+        else:
+            named = (t for name in source.names for t in there if t.rpartition('/')[2] == name)
+            topic = next(named, None)
+        self.unreadable += log.lost([topic] if topic else [])
+        if topic not in log.of_type(source.type):
+            return [None] * len(times_ns[0])
+        found = log[topic]
+        numbers = np.stack([found.arrays[path] for path in source.paths], axis=1).tolist()
+        loads = [
+            source.load(
+                frame, tuple(row), self.poses.links, lambda line: problems.setdefault(line)
+            )
+            for frame, row in zip(found.arrays['header.frame_id'], numbers, strict=True)
+        ]
+        ours = found.simulated_ns
+        # Elsewhere it acts from the first state on that was logged with it or after it.
+        begins, times = (found.log_ns, times_ns[1]) if ours is None else (ours, times_ns[0])
+        # The last place is of the states before the first message.
+        loads.append(None)
+        return [loads[k] for k in np.searchsorted(begins, times, side='right') - 1]
+
     def _row(self, time: float) -> int:
         """Return the row of the last state at or before a time [s], 0 before the first."""
         return max(int(np.searchsorted(self.time, time, side='right')) - 1, 0)
@@ -153,17 +210,17 @@ def _model(
         return named_model(robot)
     folder = folder_of(str((log.settings or {}).get('robot', '')))
     found = {
-        topic: {str(text): None for text in log[topic].data}
-        for topic in log
-        if topic.rpartition('/')[2] == DESCRIPTION and _readable(log, topic, STRING)
+        topic: list(map(str, texts.data))
+        for topic, texts in log.of_type(STRING).items()
+        if topic.rpartition('/')[2] == DESCRIPTION
     }
     if found:
         topic = next(iter(found))
         if len({text for texts in found.values() for text in texts}) > 1:
             line = f'several robots on {listed([*found])}: shown is the last of {cut(topic)}'
             problems[f'{line}; --robot names another'] = None
-        text = str(log[topic].data[-1])
-        return with_meshes(parsed_urdf(text, f'{topic} of {log.path}'), folder)
+        urdf = parsed_urdf(found[topic][-1], f'{topic} of {log.path}')
+        return with_meshes(urdf, folder)
     if log.robot is not None:
         text = pfd.robot_to_urdf(log.robot)
         return with_meshes(parsed_urdf(text, f'the robot in {log.path}'), folder)
@@ -175,75 +232,8 @@ def _model(
     )
 
 
-def _states(
-    log: LogArrays, topic: str | None, urdf: pfd.Urdf, problems: dict[str, None]
-) -> TopicArrays:
-    """Return the joint states to show."""
-    known = {
-        t: set(log[t].names) & urdf.joints.keys() for t in log if _readable(log, t, JOINT_STATE)
-    }
-    if topic is None and not known:
-        why = [why for t in log if (why := log.obstacle(t))]
-        raise ValueError('; '.join(why) or f'{log.path} has no messages of {JOINT_STATE}')
-    named = [t for t in known if t.rpartition('/')[2] == STATES] or [*known]
-    chosen = topic or max(named, key=lambda t: len(known[t]))
-    if topic is None and len(named) > 1:
-        line = f'several topics of joint states, {listed(named)}: shown is {cut(chosen)}'
-        problems[f'{line}; --topic names another'] = None
-    if chosen not in known:
-        raise ValueError(
-            f'{log.path} has no topic {chosen!r} of {JOINT_STATE}; it has {listed(list(known))}'
-        )
-    if not known[chosen]:
-        raise ValueError(
-            f'no joint of {cut(chosen)} in {log.path} is one of the model: it has '
-            f'{listed(log[chosen].names)}, the model {listed(list(urdf.joints))}; --robot names '
-            'another model, --rename OLD=NEW other beginnings of names'
-        )
-    return log[chosen]
-
-
-def _readable(log: LogArrays, topic: str, kind: str) -> bool:
-    return log.topics[topic] == kind and not log.obstacle(topic) and len(log[topic]) > 0
-
-
 def _filled(values: Array) -> Array:
     """Return values (N, k) with each gap filled by the value before it; NaN before the first."""
     there = np.abs(values) <= LARGEST_POSITION
     last = np.maximum.accumulate(np.where(there, np.arange(len(values))[:, None], 0), axis=0)
     return np.take_along_axis(np.where(there, values, np.nan), last, axis=0)
-
-
-def _acting(
-    log: LogArrays,
-    source: Source,
-    topic: str | None,
-    times_ns: tuple[NDArray[np.int64], NDArray[np.int64]],
-    links: tuple[str, ...],
-    problems: dict[str, None],
-) -> list[Load | None]:
-    """Return a load in each of the states, by their times and their log times."""
-    filled = [name for name in sorted(log) if _readable(log, name, source.type)]
-    if topic is not None and topic not in filled:
-        raise ValueError(
-            f'{log.path} has no topic {topic!r} of {source.type}; it has {listed(filled)}'
-        )
-    if topic is None and log.roles:
-        topic = next((name for name in filled if log.roles.get(name) == source.role), None)
-    elif topic is None:
-        named = (t for name in source.names for t in filled if t.rpartition('/')[2] == name)
-        topic = next(named, None)
-    if topic is None:
-        return [None] * len(times_ns[0])
-    found = log[topic]
-    numbers = np.stack([found.arrays[path] for path in source.paths], axis=1).tolist()
-    loads = [
-        source.load(frame, tuple(row), links, lambda line: problems.setdefault(line))
-        for frame, row in zip(found.arrays['header.frame_id'], numbers, strict=True)
-    ]
-    ours = found.simulated_ns
-    # Elsewhere it acts from the first state on that was logged with it or after it.
-    begins, times = (found.log_ns, times_ns[1]) if ours is None else (ours, times_ns[0])
-    # The last place is of the states before the first message.
-    loads.append(None)
-    return [loads[k] for k in np.searchsorted(begins, times, side='right') - 1]

@@ -747,8 +747,14 @@ def test_wrenches_of_another_log_act_from_the_state_that_was_logged_after_them(t
         assert found.wrench[3].numbers[:3] == (3.0, 0.0, 0.0)
         assert found.problems[1:] == SKELETON
         assert "its frame 'x' is no link of the model" in found.problems[0]
-    with pytest.raises(ValueError, match=r"no topic '/nix' of geometry_msgs/msg/WrenchStamped"):
+    with pytest.raises(ValueError, match="topic '/nix' is not in the log, expected geometry"):
         ShownLog(path, robot='planar2', wrench_topic='/nix')
+    # What cannot be read is a line, and the rest is shown.
+    states, pushes = rows[:10], [row._replace(data=row.data[:20]) for row in rows[10:]]
+    path = write_mcap(tmp_path / 'b.mcap', [*states, *pushes], KINDS)
+    found = ShownLog(path, robot='planar2')
+    assert found.wrench == [None] * 10
+    assert found.unreadable[0].endswith("'/ft/external_wrench': 3 of 3 messages cannot be read")
 
 
 def test_joints_of_several_publishers_hold_their_values_between_messages(tmp_path):
@@ -784,7 +790,7 @@ LACKING: Mapping[str, tuple[list[Any], str]] = {
     'no positions': ([state(0.1 * k, position=[]) for k in range(1, 11)], 'shown at zero'),
     'a cut message': (
         [state(0.1), Row(STATES, 0.2, state(0.2).data[:30]), state(0.3)],
-        '1 joint states cannot be read',
+        "topic '/joint_states': 1 of",
     ),
 }
 
@@ -793,7 +799,7 @@ LACKING: Mapping[str, tuple[list[Any], str]] = {
 def test_what_a_log_lacks_is_a_line(name, tmp_path):
     rows, words = LACKING[name]
     found = ShownLog(write_mcap(tmp_path / 'a.mcap', rows), robot='planar2')
-    assert any(words in line for line in found.problems)
+    assert any(words in line for line in (*found.problems, *found.unreadable))
     assert (np.diff(found.time) > 0.0).all()
 
 

@@ -414,7 +414,7 @@ def test_states_that_are_missing_unreadable_or_out_of_reach_are_named(swing, tmp
 
     found = what_if(rewritten(swing, tmp_path / 'cut.mcap', cut), out=tmp_path / 'out.mcap')
     (problem,) = found.problems
-    assert problem.startswith(f'{STATES}: 1 of 400 messages cannot be read')
+    assert f'topic {STATES!r}: 1 of 400 messages cannot be read' in problem
     assert found.states == 399
 
     def late(role, record):
@@ -517,7 +517,7 @@ def test_an_interruption_leaves_no_file_and_a_disk_that_hangs_what_is_written(
         (['on_timeout=hold'], "on_timeout is 'hold', expected servo_p above 0"),
         ({'states': '/a'}, '--states and --rename are for bags'),
         ({'rename': {'a': 'b'}}, '--states and --rename are for bags'),
-        ({'commands': '/a', 'changes': ['robot=planar2']}, "has no messages on '/a'"),
+        ({'commands': '/a', 'changes': ['robot=planar2']}, "topic '/a' is not in the log"),
         ({'commands': ARRAY}, '--commands needs robot='),
         ({'thresholds': (1.0, math.nan, 1.0)}, 'thresholds must be 3 numbers'),
     ],
@@ -690,7 +690,7 @@ def test_messages_that_cannot_be_used_are_counted(tmp_path):
     found = run(write_mcap(tmp_path / 'bag.mcap', rows), '/c')
     assert found.rejected == {'ragged': 1, 'infinite': 1}
     (problem,) = found.problems
-    assert problem.startswith('/c: 1 of 6 messages cannot be read')
+    assert "topic '/c': 1 of 6 messages cannot be read" in problem
     new = read_log(found.log)[STATES]
     assert new.effort[1:7].tolist() == [[1, 2]] * 3 + [[1, 3], [4, 5], [4, 5]]
     arrays = [shown(1.0), floats('/f', 1.0, 1.0), floats('/f', 1.001, 1.0, 2.0)]

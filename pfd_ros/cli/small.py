@@ -8,6 +8,7 @@ Imports nothing that takes long: the node starts with its handlers of signals.
 from __future__ import annotations
 
 import argparse
+from functools import partial
 import io
 import json
 from pathlib import Path
@@ -15,7 +16,7 @@ import sys
 import warnings
 
 from pfd_ros.cli.terminal import Command, add_view, ended_by_signals
-from pfd_ros.view.ports import check_page
+from pfd_ros.view.ports import check_page, view_process
 
 
 def _sim_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,10 +34,8 @@ def _sim(given: argparse.Namespace) -> int:
 
     view = None
     if given.view:
-        from pfd_ros.view.process import ViewProcess
-
         check_page(given.port)
-        view = ViewProcess(given.port)
+        view = partial(view_process, port=given.port)
     words, ros = given.words, []
     if given.robot is not None:
         xacro = [word for word in words if ':=' in word]

@@ -36,8 +36,7 @@ from pfd_ros.replay.verify import verify
 from pfd_ros.testing.domains import FIRST, LAST, environment, own_domain
 from pfd_ros.testing.process import ChildProcess
 from pfd_ros.text import one_line
-from pfd_ros.view.ports import OPENED, check_page
-from pfd_ros.view.process import ViewProcess
+from pfd_ros.view.ports import OPENED, check_page, view_process
 
 # For discovery and compilation on a busy machine, for an end, and for somebody to open a page.
 START_SECONDS, STOP_SECONDS, PAGE_SECONDS, POLL_SECONDS = 60.0, 20.0, 20.0, 0.05
@@ -98,9 +97,10 @@ def run_demo(robot_name: str, seconds: float, folder: Path, view_port: int | Non
     with own_domain(start=start, avoided=avoided) as domain, ExitStack() as ends:
         env, view = environment(os.environ, domain), None
         if view_port is not None:
-            view = ViewProcess(view_port, robot_name, Path(f'{base}.view.txt'), env)
+            output = Path(f'{base}.view.txt')
+            view = view_process(f'{namespace}/sim_arm', view_port, robot_name, output, env)
             ends.callback(view.stop)
-            _show_page(view, f'{namespace}/sim_arm')
+            _show_page(view)
         # /clock is absolute, so a namespace does not change it.
         ros = ['--ros-args', '-r', f'__ns:={namespace}', '-r', '/clock:=clock']
         motion = ['--robot', robot_name, '--seconds', str(seconds)]
@@ -120,8 +120,8 @@ def run_demo(robot_name: str, seconds: float, folder: Path, view_port: int | Non
             status = child.stop(STOP_SECONDS)
             if status:
                 problems.append(f'a process ended with status {status}, see {child.output}')
-        if view is not None and view.ended():
-            problems.append(f'{view.ended()}, see {view.output}')
+        if view is not None and view.end():
+            problems.append(f'the 3D view {view.end()}, see {view.output}')
     if not problems:
         try:
             problems += _results(base, robot, seconds)
@@ -141,17 +141,16 @@ def _wait(done: Callable[[], object], seconds: float) -> None:
         time.sleep(POLL_SECONDS)
 
 
-def _show_page(view: ViewProcess, node: str) -> None:
-    """Start the view, print its address, and wait for a browser to open it, or for some time."""
-    view.start(node)
-    _wait(lambda: 'http://' in view.text() or view.ended(), START_SECONDS)
+def _show_page(view: ChildProcess) -> None:
+    """Print the address of a view, and wait for a browser to open it, or for some time."""
+    _wait(lambda: 'http://' in view.text() or view.end(), START_SECONDS)
     for url in re.findall(r'^http://\S+', view.text(), re.MULTILINE):
         print(
             f'view       {url}: the arm starts when a browser opens it, in {PAGE_SECONDS:g} s '
             'at the latest',
             flush=True,
         )
-        _wait(lambda: OPENED in view.text() or view.ended(), PAGE_SECONDS)
+        _wait(lambda: OPENED in view.text() or view.end(), PAGE_SECONDS)
 
 
 def _results(base: Path, robot: pfd.Robot, seconds: float) -> Iterator[str]:

@@ -10,8 +10,7 @@ See docs/decisions/0003-executor-and-stepping-thread.md and 0009-faults-and-exit
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Sequence
 import gc
 import os
 import re
@@ -39,9 +38,9 @@ MOST_FAILURES = 1000
 # A parameter, a remapping or a log level, and the options that take one.
 RULE = re.compile(r'[^-\s=]\S*?:=')
 TAKE_RULES = frozenset({'-p', '--param', '-r', '--remap', '--log-level'})
-# A process that accompanies the node, such as its 3D view, with the methods start(name of the
-# node), ended() -> how it ended, '' while it runs, and stop().
-Companion: TypeAlias = Any
+# Starts the 3D view of a node, by the node's name, as a process with the methods end() -> how it
+# ended, '' while it runs, and stop().
+Companion: TypeAlias = Callable[[str], Any]
 
 
 def run(args: list[str], stop: threading.Event, companion: Companion | None = None) -> int:
@@ -51,8 +50,9 @@ def run(args: list[str], stop: threading.Event, companion: Companion | None = No
     node starts, and the node sets it when it cannot continue. The companion starts with the arm
     and ends with the node; its end is logged and changes nothing.
     """
+    started = list[Any]()
     try:
-        return 0 if stop.is_set() else _run(args, stop, companion)
+        return 0 if stop.is_set() else _run(args, stop, companion, started)
     except MISTAKES as error:
         print(f'{NAME}: {reason(error)}', file=sys.stderr)
         return 1
@@ -60,8 +60,8 @@ def run(args: list[str], stop: threading.Event, companion: Companion | None = No
         traceback.print_exc()
         return 1
     finally:
-        if companion is not None:
-            companion.stop()
+        for process in started:
+            process.stop()
         _limit_the_rest()
         try_shutdown()
 
@@ -72,7 +72,9 @@ def _limit_the_rest() -> None:
     signal.alarm(END_SECONDS)
 
 
-def _run(args: list[str], stop: threading.Event, companion: Companion | None) -> int:
+def _run(
+    args: list[str], stop: threading.Event, companion: Companion | None, started: list[Any]
+) -> int:
     _check_arguments(args)
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     threads = Threads(stop)
@@ -80,15 +82,15 @@ def _run(args: list[str], stop: threading.Event, companion: Companion | None) ->
     node.start()
     if companion is not None:
         # A fault here ends the node, and closes its recording.
-        start = partial(companion.start, node.get_fully_qualified_name())
-        threads.guard('starting the companion', start, lambda: True)
+        name, start = node.get_fully_qualified_name(), companion
+        threads.guard('starting the companion', lambda: started.append(start(name)), lambda: True)
     # `main.py` disables it.
     gc.enable()
     ended: Future = Future()
     executor: Any = EventsExecutor()
     executor.add_node(node)
     spinning = threads.start('the executor', lambda: _spin(executor, ended, node.callback_failed))
-    threads.guard('reporting', lambda: _report(node, stop, companion))
+    threads.guard('reporting', lambda: _report(node, stop, started))
     node.close()
     ended.set_result(None)
     executor.wake()
@@ -121,13 +123,13 @@ def _check_arguments(args: list[str]) -> None:
         raise ValueError(f'unknown arguments {listed(extra)}; parameters follow --ros-args -p')
 
 
-def _report(node: SimArmNode, stop: threading.Event, companion: Companion | None) -> None:
-    reported = False
+def _report(node: SimArmNode, stop: threading.Event, started: Sequence[Any]) -> None:
+    running = list(started)
     while not stop.wait(REPORT_SECONDS):
         node.report()
-        if companion is not None and not reported and companion.ended():
-            reported = True
-            node.get_logger().warning(f'{companion.ended()}; the arm continues')
+        for process in [x for x in running if x.end()]:
+            running.remove(process)
+            node.get_logger().warning(f'the 3D view {process.end()}; the arm continues')
 
 
 def _spin(executor: Any, ended: Future, failed: Callable[[Exception], None]) -> None:

@@ -110,10 +110,10 @@ class ChildProcess:
         names = {int(number): number.name for number in signal.Signals}
         return f'ended by {names.get(-status, f"signal {-status}")}'
 
-    def stop(self, seconds: float, number: signal.Signals = signal.SIGINT) -> int:
-        """End the process and its group by a signal, later by force; return its status."""
+    def stop(self, seconds: float = END_SECONDS) -> int:
+        """End the process and its group as Ctrl-C does, later by force; return its status."""
         if self.process.poll() is None:
-            self._signal(number)
+            self._signal(signal.SIGINT)
         with suppress(subprocess.TimeoutExpired):
             self.process.wait(seconds)
         # What it started may still run.
@@ -145,7 +145,7 @@ class ControllerProcess(ChildProcess):
 
     def close(self) -> None:
         """End the process, as Ctrl-C does or else by force."""
-        self.stop(END_SECONDS)
+        self.stop()
         shutil.rmtree(self.folder, ignore_errors=True)
 
 

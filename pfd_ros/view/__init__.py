@@ -12,6 +12,5 @@ Modules in the order of data flow:
     logged   a log in a page, and another one as a ghost
     live     the messages of a running node; imports rclpy
     page     the server, the controls of a log, and the page as one file; with viser
-    ports    the port of a page, and what must be installed
-    process  the view of a running arm as a child process
+    ports    the port of a page, and what must be installed; the view as a child process
 """

@@ -210,22 +210,13 @@ def sync_within(seconds: float) -> None:
     os.fdatasync = lambda number: time.sleep(seconds)
 
 
-class FaultyCompanion:
-    """A companion that cannot be started."""
-
-    def start(self, node: str) -> None:
-        raise PermissionError('no view')
-
-    def ended(self) -> str:
-        return ''
-
-    def stop(self) -> None:
-        pass
+def no_companion(node: str) -> None:
+    raise PermissionError('no view')
 
 
 def accompany() -> None:
     process = 'pfd_ros.node.process.run'
-    real = put(process, lambda args, stop, _: real(args, stop, FaultyCompanion()))
+    real = put(process, lambda args, stop, _: real(args, stop, no_companion))
 
 
 def fail(*_: object, **__: object) -> None:

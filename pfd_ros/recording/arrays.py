@@ -250,7 +250,8 @@ def read_log(
     for name, topic in found.items():
         try:
             counted = unreadable == COUNT or ours.get('roles', {}).get(name) in INPUTS
-            arrays = topic.arrays(simulated=ours.get('simulated', False), counted=counted)
+            about, simulated = bag.topics[name], ours.get('simulated', False)
+            arrays = topic.arrays(about, simulated=simulated, counted=counted)
         except ValueError as error:
             read[name] = LogError(f'{bag.path}, topic {cut(name)!r}: {error}')
         else:

@@ -37,13 +37,17 @@ _NUMBERED = re.compile(r'(.*)_(\d+)\.\w+')
 
 
 class BagTopic(NamedTuple):
-    """A topic: the type of its messages and its definition, '' if the log has none as `.msg`."""
+    """A topic: the type of its messages and its definition, '' if the log has none as `.msg`.
+
+    `other` is the type or encoding of a second channel, where they differ, else ''.
+    """
 
     name: str
     type: str
     encoding: str
     definition: str
     qos: str = ''
+    other: str = ''
 
 
 class BagMessage(NamedTuple):
@@ -167,8 +171,8 @@ class Bag:
     def _add(self, topic: BagTopic) -> None:
         before = self.topics.setdefault(topic.name, topic)
         if before[1:3] != topic[1:3]:
-            kinds = f'{cut(before.type)!r} and {cut(topic.type)!r}'
-            raise ValueError(f'topic {cut(topic.name)!r} has two types, {kinds}')
+            other = topic.type if topic.type != before.type else topic.encoding
+            self.topics[topic.name] = before._replace(other=other)
         if len(self.topics) > TOPICS:
             raise ValueError(f'more than {TOPICS} topics')
 

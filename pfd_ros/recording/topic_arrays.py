@@ -141,6 +141,8 @@ class TopicArrays(Fields):
 
 def decoder_of(topic: BagTopic) -> Decoder:
     """Return the decoder of a topic; ValueError that says why there is none."""
+    if topic.other:
+        raise ValueError(f'it has messages of {cut(topic.type)!r} and of {cut(topic.other)!r}')
     if topic.encoding != MESSAGE_ENCODING:
         raise ValueError(
             f'its messages are encoded as {cut(topic.encoding)!r}, expected {MESSAGE_ENCODING!r}'
@@ -216,11 +218,11 @@ class TopicReader:
             raise ValueError(f'more than {MOST_LISTS} lists of joints: read a shorter window')
         return np.full(len(names), known or 0, np.int16)
 
-    def arrays(self, *, simulated: bool, counted: bool) -> TopicArrays | None:
+    def arrays(self, topic: BagTopic, *, simulated: bool, counted: bool) -> TopicArrays | None:
         """Return all messages in the order of their log times, None if they were not wanted.
 
-        `simulated` says whether the log time is simulated time, in a recording of ours. ValueError
-        if they cannot be read.
+        `topic` is what the whole log has of it. `simulated` says whether the log time is simulated
+        time, in a recording of ours. ValueError if they cannot be read.
         """
         if self._block or not self._times:
             self._decode()
@@ -228,6 +230,8 @@ class TopicReader:
             raise self._error
         if not self._wanted:
             return None
+        if topic.other:
+            decoder_of(topic)
         places, total = np.concatenate(self._places), len(self._times)
         if len(places) < total and not counted:
             raise ValueError(

@@ -237,6 +237,8 @@ def is_command(topic: BagTopic, role: str = '') -> bool:
 
 def obstacle_of(topic: BagTopic) -> str:
     """Return why the messages of a topic cannot be published here, '' if they can."""
+    if topic.other:
+        return f'it has messages of {cut(topic.type)!r} and of {cut(topic.other)!r}'
     if topic.encoding != MESSAGE_ENCODING:
         return f'its messages are encoded as {cut(topic.encoding)!r}, not {MESSAGE_ENCODING!r}'
     if not re.fullmatch(r'[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*', topic.type):

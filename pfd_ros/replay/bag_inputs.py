@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from operator import itemgetter
 
 import numpy as np
@@ -18,8 +17,7 @@ from numpy.typing import NDArray
 
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import ARRAY, NAMED, SET_STATE, Message
-from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.cdr import LAST_SECOND, NANOSECONDS
+from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import decode_joints, encode_joints
 from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
 from pfd_ros.recording.arrays import LogArrays, new_names, renamed
@@ -34,7 +32,7 @@ USUAL_STATES = '/joint_states'
 
 
 class BagInputs:
-    """The commands of a bag, for an arm that starts at its first complete state.
+    """The commands of a bag, for an arm with joints `names` that starts at their first state.
 
     `commands` is a topic of JointStates with efforts, or of Float64MultiArrays in published order;
     `states` one of JointStates, '' the topic of the commands if it has positions, else
@@ -43,11 +41,17 @@ class BagInputs:
 
     `topic` is the topic of the states, `states` has its messages with renamed joints, `times_ns`
     their times, (N,): those of `times`, 'stamps' if both topics have them, else 'log times'.
-    LogError if the bag has no such topic, or messages of another type.
+    `start_ns` is the time of the first complete state. LogError if the bag has no such topic or
+    state, or messages of another type.
     """
 
     def __init__(
-        self, log: LogArrays, commands: str, states: str, rename: Mapping[str, str]
+        self,
+        log: LogArrays,
+        commands: str,
+        states: str,
+        rename: Mapping[str, str],
+        names: Sequence[str],
     ) -> None:
         self._log, self._commands, self._rename = renamed(log, rename), commands, rename
         self._name = str(log.path)
@@ -66,17 +70,7 @@ class BagInputs:
         self.times = 'stamps' if stamped else 'log times'
         stamps = self.states.stamp_ns if stamped else None
         self.times_ns: NDArray[np.int64] = self.states.log_ns if stamps is None else stamps
-
-    def settled(self, settings: Settings, names: Sequence[str], *, given: bool) -> Settings:
-        """Return settings of an arm with these joints that start at the bag's time.
-
-        `given` keeps their start time. LogError if the bag has no state of such joints.
-        """
         self.start_ns, self._first = self._first_state(names)
-        start = (self.start_ns - settings.step_ns) / NANOSECONDS
-        if given or not 0.0 <= start <= LAST_SECOND:
-            return settings
-        return replace(settings, start_time=start)
 
     def _first_state(self, names: Sequence[str]) -> tuple[int, bytes]:
         """Return the time of the first complete state of these joints, and the state to set."""
@@ -100,7 +94,7 @@ class BagInputs:
         return int(self.times_ns[last]), encode_joints(known, states.position[rows, columns], qd)
 
     def inputs(self, engine: Engine) -> Iterator[Input]:
-        """Yield the inputs for an arm whose settings were `settled`; LogError for a gap."""
+        """Yield the inputs for an arm before its first cycle; LogError for a gap."""
         commands = sorted(self._efforts(), key=itemgetter(0))
         times = np.array([at for at, _ in commands], np.int64)
         every = np.sort(np.concatenate([times, self.times_ns]))

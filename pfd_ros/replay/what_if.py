@@ -29,7 +29,7 @@ from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import STATES, Message
 from pfd_ros.arm.settings import FIELDS, SIMULATED, Settings, with_convention
 from pfd_ros.files import free_path
-from pfd_ros.messages.cdr import NANOSECONDS
+from pfd_ros.messages.cdr import LAST_SECOND, NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
 from pfd_ros.recording.arrays import read_log
@@ -287,9 +287,11 @@ def _of_bag(
 ) -> Case:
     settings, robot, urdf = described_arm(changes)
     log = read_log(path, types=(JOINT_STATE, FLOAT_ARRAY), unreadable='count')
-    bag = BagInputs(log, commands, states, rename)
-    given = 'start_time' in changes.values
-    settings = bag.settled(replace(settings, **UNTIED), robot.joint_names, given=given)
+    bag = BagInputs(log, commands, states, rename, robot.joint_names)
+    settings = replace(settings, **UNTIED)
+    start = (bag.start_ns - settings.step_ns) / NANOSECONDS
+    if 'start_time' not in changes.values and 0.0 <= start <= LAST_SECOND:
+        settings = replace(settings, start_time=start)
     start_ns = settings.start_ns + settings.step_ns
     old = _States(bag.topic, bag.states, (bag.times_ns - bag.start_ns) / NANOSECONDS)
     problems = log.lost(dict.fromkeys((bag.topic, commands)))

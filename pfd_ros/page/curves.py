@@ -219,10 +219,12 @@ def _energy(run: Recorded) -> Iterator[Plot]:
         # The payload of a state is that of the last message before it.
         begins = np.empty(0) if used is None else run.times(used)
         places = np.searchsorted(begins, joints.time, side='right')
-        for k in np.unique(places[good]):
+        loads, firsts = np.unique(places, return_index=True)
+        for k, rows in zip(loads, np.split(np.arange(len(q)), firsts[1:]), strict=True):
             given: dict[str, Any] = {} if used is None else {'payload': _payload(used, k - 1)}
-            rows = good & (places == k)
-            values[rows, :2] = kernel(q[rows], qd[rows], **given)
+            rows = rows[good[rows]]
+            if len(rows):
+                values[rows, :2] = kernel(q[rows], qd[rows], **given)
     except (ValueError, RuntimeError) as error:
         run.notes[one_line(f'no energy: {error}')] = None
         return

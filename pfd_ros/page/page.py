@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from datetime import datetime, timezone
 import hashlib
 from html import escape
@@ -38,7 +39,7 @@ from pfd_ros.messages.types import (
 )
 from pfd_ros.motion.symptoms import Samples, diagnosis, text_of
 from pfd_ros.page.curves import Plot, Reference, commanded_positions, encoded, plots_of
-from pfd_ros.page.findings import BAD, NOTE, Finding, commands_end, find
+from pfd_ros.page.findings import BAD, NOTE, TEXT_LENGTH, Finding, commands_end, find
 from pfd_ros.page.recorded import Array, Recorded
 from pfd_ros.recording.arrays import LogArrays
 from pfd_ros.recording.facts import by_parameter
@@ -51,16 +52,6 @@ TYPES = (JOINT_STATE, FLOAT_ARRAY, TRAJECTORY, STRING, INERTIA, DIAGNOSTICS, TRA
 MOST_PLOTS, MOST_SPANS, MOST_ROWS = 40, 400, 60
 # Around the first finding, for the diagnosis of each joint [s], and samples of it.
 BEFORE, AFTER, FEWEST_STATES, MOST_DIAGNOSED = 20.0, 5.0, 3, 1 << 16
-
-
-class Moment(NamedTuple):
-    """A moment to mark [s], or a span up to `end`: a failed assertion, a push."""
-
-    time: float
-    label: str
-    text: str = ''
-    end: float | None = None
-    severity: str = BAD
 
 
 class Page(NamedTuple):
@@ -81,7 +72,7 @@ class Page(NamedTuple):
 
 
 def page(
-    log: LogArrays, marks: Iterable[Moment | Reference] = (), robot: pfd.Robot | None = None
+    log: LogArrays, marks: Iterable[Finding | Reference] = (), robot: pfd.Robot | None = None
 ) -> Page:
     """
     Return the page of a log.
@@ -91,7 +82,8 @@ def page(
     log
         From `read_log(path, types=TYPES, unreadable='count')`.
     marks
-        Moments and references to draw, in the times of the page.
+        Findings to mark over all plots, such as a push, with texts of any lines, and references
+        to draw, in the times of the page.
     robot
         The robot of a log that holds none, for its limits.
 
@@ -115,14 +107,12 @@ def faults(run: Recorded) -> list[Finding]:
     ]
 
 
-def _page(run: Recorded, marks: Sequence[Moment | Reference]) -> Page:
-    moments = [mark for mark in marks if isinstance(mark, Moment)]
+def _page(run: Recorded, marks: Sequence[Finding | Reference]) -> Page:
+    marked = [mark for mark in marks if isinstance(mark, Finding)]
     references = [mark for mark in marks if isinstance(mark, Reference)]
     references = references or list(commanded_positions(run))
     found, made, lacking = find(run)
-    for time, label, text, end, severity in moments:
-        spans = np.array([[time, time if end is None else end]])
-        found.append(Finding(label, severity, '', one_line(text.partition('\n')[0], 200), spans))
+    found += [replace(x, text=one_line(x.text.partition('\n')[0], TEXT_LENGTH)) for x in marked]
     found.sort(key=lambda x: (x.time, x.severity == NOTE))
     first = next((x for x in found if x.severity != NOTE), None)
     said, severity = _said(run, first)
@@ -147,9 +137,9 @@ def _page(run: Recorded, marks: Sequence[Moment | Reference]) -> Page:
     cards = [
         _headline(said, severity, None if run.unreadable else first, made, lacking),
         *(
-            _card(f'{m.label} at {m.time:.3f} s', f'<pre>{escape(m.text)}</pre>', 'mark')
-            for m in moments
-            if m.severity == BAD
+            _card(f'{x.kind} at {x.time:.3f} s', f'<pre>{escape(x.text)}</pre>', 'mark')
+            for x in marked
+            if x.severity == BAD
         ),
         _story(found),
         _list('Motion of each joint', joints),
@@ -164,7 +154,7 @@ def _page(run: Recorded, marks: Sequence[Moment | Reference]) -> Page:
     data = {
         'plots': [encoded(plot) for plot in plots[:MOST_PLOTS]],
         'lanes': lanes,
-        'moments': [[m.time, m.end, m.label, m.severity] for m in moments],
+        'marks': [[*x.spans[0].tolist(), x.kind, x.severity] for x in marked],
         'span': [*run.span],
         'origin': _origin(run),
         'first': None if first is None else first.time,

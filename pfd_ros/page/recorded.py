@@ -97,12 +97,18 @@ class Recorded:
         return self._read.get(self._by_role.get(role, ''))
 
     def accepted(self, role: str) -> Array:
-        """Return which messages of an input were not rejected, (N,) bool."""
+        """Return which messages of an input were not rejected, (N,) bool.
+
+        Of several in one cycle the log does not say which ones were: the first are taken for them.
+        """
         found, rejected = self.of_role(role), self.of_role(REJECTED)
         if found is None or found.cycle is None or rejected is None or rejected.cycle is None:
             return np.ones(0 if found is None else len(found), bool)
         of_role = [str(text).partition(' ')[0] == role for text in rejected.data]
-        return ~np.isin(found.cycle, rejected.cycle[of_role])
+        cycle, bad = found.cycle, np.sort(rejected.cycle[of_role])
+        number = np.arange(len(cycle)) - np.searchsorted(cycle, cycle)
+        count = np.searchsorted(bad, cycle, 'right') - np.searchsorted(bad, cycle)
+        return np.asarray(number >= count)
 
     def accepted_times(self, role: str, words: Sequence[str] = ('',)) -> Array:
         """Return their times on the page [s], (N,); of texts, those with one of the words."""

@@ -16,8 +16,11 @@ import re
 import shutil
 from typing import Any
 
+import numpy as np
+
 from pfd_ros.page.curves import Reference
-from pfd_ros.page.page import TYPES, Moment, page
+from pfd_ros.page.findings import BAD, NOTE, Finding
+from pfd_ros.page.page import TYPES, page
 from pfd_ros.recording.arrays import read_log
 from pfd_ros.testing.arm import LockstepArm, RecordingError
 from pfd_ros.text import one_line
@@ -86,11 +89,12 @@ def _write_log(arm: LockstepArm, log: Path) -> str:
     return said
 
 
-def _marks(arm: LockstepArm, error: BaseException) -> Iterator[Moment | Reference]:
+def _marks(arm: LockstepArm, error: BaseException) -> Iterator[Finding | Reference]:
     """Yield the moment of a failure, what the joints should have done, and the pushes."""
     label = 'failed assertion' if isinstance(error, AssertionError) else 'failed test'
     time, reference = getattr(error, 'motion', (arm.time, None))
-    yield Moment(time, label, f'{type(error).__name__}: {error}'[:TEXT_LENGTH])
+    text = f'{type(error).__name__}: {error}'[:TEXT_LENGTH]
+    yield Finding(label, BAD, '', text, np.array([[time, time]]))
     if reference is not None:
         names, times, positions, within = reference
         yield Reference(tuple(names), times, positions, within)
@@ -98,4 +102,5 @@ def _marks(arm: LockstepArm, error: BaseException) -> Iterator[Moment | Referenc
     for (time, numbers), (end, _) in pairwise([*arm.pushes, (arm.time, ())]):
         if any(numbers):
             text = f'{list(numbers[:3])} N, {list(numbers[3:])} N m'
-            yield Moment(time, 'push', text, min(end, time + longest), 'note')
+            spans = np.array([[time, min(end, time + longest)]])
+            yield Finding('push', NOTE, '', text, spans)

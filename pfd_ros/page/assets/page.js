@@ -91,15 +91,15 @@ function moments(u) {
     c.textAlign = x > left + width / 2 ? 'right' : 'left';
     c.fillText(label, x, top - 2 * r); c.restore();
   };
-  for (const [time, until, label, severity] of data.moments) {
+  for (const [time, until, label, severity] of data.marks) {
     const name = severity === 'bad' ? 'mark' : 'note';
-    if (until !== null) {
+    if (until > time) {
       c.save(); c.globalAlpha = 0.15; c.fillStyle = colour(name);
       c.fillRect(at(time), top, at(until) - at(time), height); c.restore();
     }
     draw(time, name, label);
   }
-  if (data.first !== null && data.moments.every((m) => m[0] !== data.first)) draw(data.first, 'bad', 'first problem');
+  if (data.first !== null && data.marks.every((m) => m[0] !== data.first)) draw(data.first, 'bad', 'first problem');
 }
 function limits(u) {
   if (shown.size !== 1) return;

@@ -8,8 +8,7 @@
     report    report log, report scene
     view      view: the arm of a log or of a running node in 3D, in a browser
     doctor    doctor: installed packages, tests of them, speed of this machine
-    init      init: a controller package for an arm
-    small     demo, sim, robots, urdf
+    small     demo, sim, robots, urdf, init
     send      send: one message to a topic; imports rclpy
 
 The commands parse and print; the work is elsewhere. A new command is a `Command` in a module, and

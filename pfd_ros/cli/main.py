@@ -35,7 +35,7 @@ NO_ROS = 'this command needs ROS 2 (rclpy): source the setup.bash of Jazzy, or '
 COMMANDS = {
     'demo': 'small',
     'sim': 'small',
-    'init': 'init',
+    'init': 'small',
     'replay': 'logs',
     'info': 'logs',
     'compare': 'logs',

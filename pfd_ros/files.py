@@ -43,5 +43,5 @@ def new_file(path: Path, mode: str = 'xb', **options: Any) -> Iterator[Any]:
         try:
             yield stream
         except BaseException:
-            path.unlink()
+            path.unlink(missing_ok=True)
             raise

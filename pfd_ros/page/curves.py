@@ -205,7 +205,7 @@ def _energy(run: Recorded) -> Iterator[Plot]:
         return
     order, scene = [joints.names.index(name) for name in robot.joint_names], pfd.Scene()
     q, qd = (joints.values[item][:, order] for item in ('position', 'velocity'))
-    good = np.isfinite(q).all(axis=1) & np.isfinite(qd).all(axis=1)
+    good: Array = np.isfinite(np.hstack([q, qd])).all(axis=1)
     values = np.full((len(q), 3), np.nan)
     try:
         if run.settings:

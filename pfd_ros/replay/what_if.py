@@ -155,8 +155,6 @@ def what_if(
     else:
         case = _of_recording(path, read)
     old = case.old.found
-    if not len(old):
-        raise LogError(f'{path} holds no states, so there is nothing to compare')
     stem = path.name if path.is_dir() else path.stem
     target = out or free_path(Path(f'{stem}_what_if.mcap'))
     engine = _engine(case, case.settings)
@@ -256,17 +254,18 @@ def _of_recording(path: Path, changes: Changes) -> Case:
             f'{error}; for the commands of a bag name their topic with --commands'
         ) from None
     settings, robot, urdf = changed_arm(log, changes)
-    topic = log.topics[STATES]
+    topic = log.topics.get(STATES, '')
     arrays = read_log(path, topics=[topic], unreadable='count')
-    stamps = arrays[topic].stamp_ns
+    states = arrays.required(topic, JOINT_STATE)
+    stamps = states.stamp_ns
     assert stamps is not None
     begins = log.settings.start_ns, settings.start_ns
-    if settings.follows_clock and len(stamps):
+    if settings.follows_clock:
         # The ticks say the time of both.
         begins = int(stamps[0]), int(stamps[0])
     return Case(
         lambda engine: recorded_inputs(log, engine),
-        _States(topic, arrays[topic], (stamps - begins[0]) / NANOSECONDS),
+        _States(topic, states, (stamps - begins[0]) / NANOSECONDS),
         replace(settings, **UNTIED),
         robot,
         urdf if 'robot' in changes.values else log.description,

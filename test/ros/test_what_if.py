@@ -423,12 +423,25 @@ def test_states_that_are_missing_unreadable_or_out_of_reach_are_named(swing, tmp
         return record
 
     for alter, line in (
-        (lambda role, m: m if role == 'commands' else None, 'holds no states'),
+        (lambda role, m: m if role == 'commands' else None, "topic '/joint_states' has no such"),
         (late, 'cycle 1073742124 after 300 recorded states'),
     ):
         with pytest.raises(LogError, match=rf'a\.mcap:? {line}'):
             what_if(rewritten(swing, tmp_path / 'a.mcap', alter))
         assert list(Path().iterdir()) == []
+    # A head that names other topics.
+    for topics, line in (
+        ('{}', r"has no topic \['']"),
+        ('{"joint_states": "/sim_arm/commands"}', 'is std'),
+    ):
+        path = tmp_path / 'a.mcap'
+        rewritten(
+            swing,
+            path,
+            metadata=lambda _, x, y=topics: x | ({'topics': y} if 'topics' in x else {}),
+        )
+        with pytest.raises(ValueError, match=line):
+            what_if(path)
 
 
 def test_the_result_is_rows_for_people_and_json(swing):

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from functools import partial
 from operator import attrgetter
 import os
 from pathlib import Path
@@ -29,8 +30,9 @@ from std_msgs.msg import String
 
 import pfd_core as pfd
 from pfd_ros.arm.description import parsed_urdf
-from pfd_ros.arm.events import DESCRIPTION, PAYLOAD_IN_USE, ROLES, STATES, TIP_WRENCH
+from pfd_ros.arm.events import DESCRIPTION, PAYLOAD_IN_USE, REQUESTS, STATES, TIP_WRENCH
 from pfd_ros.node.visitor import resolved, visitor
+from pfd_ros.recording.recorder import topic_names
 from pfd_ros.text import cut, listed, one_line
 from pfd_ros.view.arm import Stage
 from pfd_ros.view.links import named_model, with_meshes
@@ -60,18 +62,13 @@ def view_node(arm: str) -> AbstractContextManager[Node]:
 def topics_of(
     node: Node, arm: str, states: str | None = None, wrench: str | None = None
 ) -> dict[str, str]:
-    """Return the topics of an arm by role, resolved as its node does; some may be given instead.
+    """Return the topics of an arm by role; some may be given instead, resolved as its node does.
 
     ValueError if a name is invalid.
     """
-    names = {
-        role: str(ROLES[role].topic) for role in (STATES, TIP_WRENCH, PAYLOAD_IN_USE, DESCRIPTION)
-    }
-    names = {
-        role: f'{arm}{name[1:]}' if name.startswith('~/') else name for role, name in names.items()
-    }
-    given = {STATES: states, TIP_WRENCH: wrench}
-    names |= {role: name for role, name in given.items() if name is not None}
+    roles = STATES, TIP_WRENCH, PAYLOAD_IN_USE, DESCRIPTION
+    names = topic_names(roles, {REQUESTS: f'{arm}/requests'})
+    names |= {STATES: states or names[STATES], TIP_WRENCH: wrench or names[TIP_WRENCH]}
     return {role: resolved(node, name) for role, name in names.items()}
 
 
@@ -125,8 +122,8 @@ def follow(
     shown, states = Shown(stage, report), topics[STATES]
     for role, kind, take, qos in (
         (STATES, JointState, shown.state, NEWEST),
-        (TIP_WRENCH, WrenchStamped, shown.wrench, NEWEST),
-        (PAYLOAD_IN_USE, InertiaStamped, shown.payload, LATCHED),
+        (TIP_WRENCH, WrenchStamped, partial(shown.load, WRENCHES), NEWEST),
+        (PAYLOAD_IN_USE, InertiaStamped, partial(shown.load, PAYLOADS), LATCHED),
     ):
         node.create_subscription(kind, topics[role], take, qos)
     executor = SingleThreadedExecutor(context=node.context)
@@ -176,25 +173,18 @@ class Shown:
                 if name in joints and abs(value) <= LARGEST_POSITION:
                     target[joints.index(name)] = value
 
-    def wrench(self, message: Any) -> None:
-        """Take a WrenchStamped of the wrench in effect."""
-        self._take(WRENCHES, message)
-
-    def payload(self, message: Any) -> None:
-        """Take an InertiaStamped of the payload in use."""
-        self._take(PAYLOADS, message)
+    def load(self, source: Source, message: Any) -> None:
+        """Take a message about a load in effect."""
+        frame, numbers = message.header.frame_id, attrgetter(*source.paths)(message)
+        links = self._stage.poses.links
+        self._loads[source.what] = source.load(frame, numbers, links, self._say)
+        self._changed = True
 
     def draw(self) -> None:
         """Show what has come, if it is new."""
         if self._changed:
             self._changed = False
             self._stage.show(*self._values, *self._loads.values())
-
-    def _take(self, source: Source, message: Any) -> None:
-        frame, numbers = message.header.frame_id, attrgetter(*source.paths)(message)
-        links = self._stage.poses.links
-        self._loads[source.what] = source.load(frame, numbers, links, self._say)
-        self._changed = True
 
     def _say(self, line: str) -> None:
         if line not in self._reported and len(self._reported) < MOST_LINES:

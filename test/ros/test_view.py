@@ -59,6 +59,8 @@ from pfd_ros.messages.numbers import encode_numbers
 from pfd_ros.view.arm import Stage
 from pfd_ros.view.forms import draw
 from pfd_ros.view.links import LinkPoses, named_model
+from pfd_ros.view.loads import PAYLOADS as VIEW_PAYLOADS
+from pfd_ros.view.loads import WRENCHES as VIEW_WRENCHES
 from pfd_ros.view.loads import Load as ViewLoad
 from pfd_ros.view.logged import ShownLog
 from pfd_ros.view.meshes import Meshes
@@ -516,19 +518,19 @@ def test_a_running_arm_is_shown_by_joint_names_with_its_loads_and_invalid_number
         shown.draw()
         np.testing.assert_allclose(node.position, pendulum_end(q).translation, atol=1e-12)
     zero = dict.fromkeys(('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz'), 0.0)
-    for take, frame, amount, there in (
-        (shown.wrench, 'end', 4.0, ['/wrench/force']),
-        (shown.wrench, 'end', 0.0, []),
-        (shown.wrench, 'nowhere', 4.0, []),
-        (shown.wrench, 'end', np.nan, []),
-        (shown.payload, 'arm', 1.5, ['/payload']),
-        (shown.payload, 'arm', 0.0, []),
-        (shown.payload, 'nowhere', 1.5, []),
+    for source, frame, amount, there in (
+        (VIEW_WRENCHES, 'end', 4.0, ['/wrench/force']),
+        (VIEW_WRENCHES, 'end', 0.0, []),
+        (VIEW_WRENCHES, 'nowhere', 4.0, []),
+        (VIEW_WRENCHES, 'end', np.nan, []),
+        (VIEW_PAYLOADS, 'arm', 1.5, ['/payload']),
+        (VIEW_PAYLOADS, 'arm', 0.0, []),
+        (VIEW_PAYLOADS, 'nowhere', 1.5, []),
     ):
         force, none = of(x=amount, y=0.0, z=0.0), of(x=0.0, y=0.0, z=0.0)
         body = of(m=amount, com=none, **zero)
         wrench = of(force=force, torque=none)
-        take(of(header=of(frame_id=frame), wrench=wrench, inertia=body))
+        shown.load(source, of(header=of(frame_id=frame), wrench=wrench, inertia=body))
         shown.draw()
         assert visible(nodes) == there
     assert [line.partition(':')[0] for line in lines] == [

@@ -16,6 +16,7 @@ import sys
 import warnings
 
 from pfd_ros.cli.terminal import ANY_LOG, ROBOT, Command, add_view, ended_by_signals, print_lines
+from pfd_ros.files import new_file
 from pfd_ros.text import listed
 from pfd_ros.view.ports import check_page, view_process
 
@@ -92,7 +93,9 @@ def _robots(_: argparse.Namespace) -> int:
 def _urdf_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('robot', help=ROBOT)
     parser.add_argument('words', nargs='*', metavar='NAME:=VALUE', help='arguments of a .xacro')
-    parser.add_argument('--out', type=Path, metavar='FILE', help='file to write instead of stdout')
+    parser.add_argument(
+        '--out', type=Path, metavar='FILE', help='new file to write instead of stdout'
+    )
 
 
 def _urdf(given: argparse.Namespace) -> int:
@@ -108,7 +111,8 @@ def _urdf(given: argparse.Namespace) -> int:
             sys.stdout.reconfigure(encoding='utf-8')
         print(text, end='')
     else:
-        given.out.write_text(text, encoding='utf-8')
+        with new_file(given.out, 'x', encoding='utf-8') as stream:
+            stream.write(text)
     return 0
 
 

@@ -43,15 +43,13 @@ class Shape(NamedTuple):
     """
     Triangles fixed to a link, in its frame [m].
 
-    `flat`: each triangle is shaded by itself, as edges of boxes and of STL are sharp. `stands_in`:
-    drawn in place of a visual that the URDF lacks or that cannot be read.
+    `flat`: each triangle is shaded by itself, as edges of boxes and of STL are sharp.
     """
 
     link: str
     mesh: trimesh.Trimesh
     colour: Colour
     flat: bool
-    stands_in: bool = False
 
 
 class Drawing(NamedTuple):
@@ -201,7 +199,7 @@ def _skeleton(urdf: pfd.Urdf, links: Collection[str]) -> Iterator[Shape]:
             pose[:3, :3] = pose[:3, :3] @ axes
             solids.append(box(edges, pose))
         for solid in solids or [icosphere(3, 1.5 * ROD * reach)]:
-            yield Shape(link, solid, SKELETON_COLOUR, bool(solids), True)
+            yield Shape(link, solid, SKELETON_COLOUR, bool(solids))
 
 
 def _rod(end: Array, radius: float) -> trimesh.Trimesh:

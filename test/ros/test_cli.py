@@ -259,6 +259,7 @@ def test_json_is_one_object_and_the_new_log_lies_in_the_current_folder(
         'report log LOG --out here',
         'view LOG --export here',
         'replay LOG --what-if payload.mass=1 --out here',
+        'urdf planar2 --out here',
     ],
 )
 def test_no_command_writes_over_a_file(words, logs, tmp_path):

@@ -57,7 +57,7 @@ from pfd_ros.cli.main import parser as pfd_parser
 from pfd_ros.messages.joints import encode_joints
 from pfd_ros.messages.numbers import encode_numbers
 from pfd_ros.view.arm import Stage
-from pfd_ros.view.forms import draw
+from pfd_ros.view.forms import SKELETON_COLOUR, draw
 from pfd_ros.view.links import LinkPoses, named_model
 from pfd_ros.view.loads import PAYLOADS as VIEW_PAYLOADS
 from pfd_ros.view.loads import WRENCHES as VIEW_WRENCHES
@@ -127,7 +127,7 @@ def test_the_meshes_of_each_link_fill_the_space_that_pinocchio_reads_from_them(r
     model_urdf, folder = example_urdf(robot)
     drawing = draw(model_urdf, Meshes(folder))
     assert drawing.problems == ()
-    assert not any(shape.stands_in for shape in drawing.shapes)
+    assert not any(shape.colour == SKELETON_COLOUR for shape in drawing.shapes)
     with warnings.catch_warnings():
         warnings.simplefilter('ignore')  # of its bindings, about their arguments
         model = pin.buildModelFromXML(model_urdf.text)
@@ -180,7 +180,7 @@ def test_a_quaternion_turns_a_visual_from_version_1_1_on():
 def test_a_urdf_without_visuals_is_drawn_from_frames_and_inertias():
     drawing = drawn(urdf())
     assert {shape.link for shape in drawing.shapes} == {'base', 'arm', 'end'}
-    assert all(shape.stands_in for shape in drawing.shapes)
+    assert all(shape.colour == SKELETON_COLOUR for shape in drawing.shapes)
     assert drawing.problems == ('the URDF has no visuals: the arm is drawn as a skeleton',)
     # The rod to the end, and the box of the inertia: m (b^2 + c^2) / 12 about each axis.
     rod, box = (shape for shape in drawing.shapes if shape.link == 'arm')
@@ -331,7 +331,7 @@ def test_a_mesh_that_cannot_be_used_is_one_line_and_its_link_a_skeleton(
     assert reason in line
     assert len(line) < 500
     assert {shape.link for shape in drawing.shapes} == {'arm'}
-    assert all(shape.stands_in for shape in drawing.shapes)
+    assert all(shape.colour == SKELETON_COLOUR for shape in drawing.shapes)
 
 
 @pytest.mark.parametrize(

@@ -756,7 +756,7 @@ def test_wrenches_of_another_log_act_from_the_state_that_was_logged_after_them(t
     path = write_mcap(tmp_path / 'b.mcap', [*states, *pushes], KINDS)
     found = ShownLog(path, robot='planar2')
     assert found.wrench == [None] * 10
-    assert found.unreadable[0].endswith("'/ft/external_wrench': 3 of 3 messages cannot be read")
+    assert "'/ft/external_wrench': 3 of 3 messages cannot be read" in found.unreadable[0]
 
 
 def test_joints_of_several_publishers_hold_their_values_between_messages(tmp_path):

@@ -30,8 +30,8 @@ from pfd_ros.arm.events import BUSY
 from pfd_ros.cli.main import main as pfd_main
 from pfd_ros.messages.joints import encode_joints
 from pfd_ros.page.curves import Reference as PageReference
+from pfd_ros.page.findings import Finding as PageFinding
 from pfd_ros.page.page import TYPES as PAGE_TYPES
-from pfd_ros.page.page import Moment as PageMoment
 from pfd_ros.page.page import page as page_of_log
 
 HOSTILE = '</script><img src=x onerror=alert(1)>&"\'{{}}\u2028'
@@ -179,7 +179,7 @@ def test_each_fault_is_found_with_its_kind_joint_time_and_count(name, tmp_path):
 def test_a_run_without_faults_says_so_and_lists_the_checks(tmp_path):
     simulate(tmp_path / 'a.mcap', 200, STEADY, **FREE)
     page = shown(tmp_path / 'a.mcap')
-    said = page.said, page.first, page.findings, page.unreadable
+    said = page.said, page.first, page.findings, [*page.run.unreadable]
     assert said == ('nothing went wrong', None, [], [])
     for check in ('limits', 'finite numbers', 'missing states', 'rejected inputs', 'failure'):
         assert re.search(f'Checked: [^.]*{check}', page.html), check
@@ -208,6 +208,17 @@ def test_a_window_of_a_log_shows_only_what_is_in_it(tmp_path):
         log = read_log(path, types=PAGE_TYPES, unreadable='count', **window)
         kinds.append({x.kind for x in page_of_log(log).findings if x.severity == 'bad'})
     assert kinds == [{'rejected input', 'failure'}, {'rejected input'}, set()]
+
+
+def test_a_second_controller_that_is_refused_hides_no_command_of_the_first(tmp_path):
+    path = tmp_path / 'a.mcap'
+    events = {k: [efforts(1.0), efforts(0.3, 0.2)] for k in range(1, 201)}
+    simulate(path, 200, events, command_timeout=0.05, **FREE)
+    page = shown(path)
+    assert {(x.kind, len(x.spans)) for x in page.findings} == {('rejected input', 200)}
+    (plot,) = (x for x in page.plots if x.title.startswith('commanded effort'))
+    assert len(plot.time) == 201
+    np.testing.assert_array_equal(plot.values[:, 1], 0.2)
 
 
 def test_commanded_positions_are_the_reference_of_a_joint(tmp_path):
@@ -317,7 +328,7 @@ def test_a_log_that_cannot_be_read_is_never_good(kind, tmp_path, capsys):
         rows = [(topic, t, whole[: 60 if k % 2 else None]) for k, (topic, t, _) in enumerate(rows)]
     page = shown(write_bag(path, rows, **more))
     assert '/joint_states' in page.said
-    assert page.unreadable
+    assert page.run.unreadable
     assert 'headline bad' in page.html
     assert 'othing went wrong' not in page.html
     assert pfd_main(['report', 'log', str(path), '--out', str(tmp_path / 'a.html')]) == 1
@@ -345,7 +356,7 @@ def test_messages_without_a_stamp_are_placed_by_the_state_before_them(tmp_path):
 def test_stamps_that_are_no_times_are_replaced_by_log_times(tmp_path):
     rows = [(topic, t, {**given, 'stamp_ns': 17}) for topic, t, given in states(['a'], TIMES)]
     page = shown(write_bag(tmp_path / 'a.mcap', rows))
-    assert any('times are log times' in note for note in page.notes)
+    assert any('times are log times' in note for note in page.run.notes)
     assert page.plots[0].time == pytest.approx(TIMES - DAY, abs=1e-6)
 
 
@@ -364,11 +375,11 @@ def test_the_robot_of_another_log_gives_its_limits(tmp_path):
 def test_limits_that_a_log_has_no_numbers_for_are_named(tmp_path):
     robot = pfd.load_robot('ur5')
     other = write_bag(tmp_path / 'a.mcap', states(['a', *UR5[:5]], TIMES))
-    (note,) = (x for x in shown(other, robot=robot).notes if 'limits' in x)
+    (note,) = (x for x in shown(other, robot=robot).run.notes if 'limits' in x)
     assert note.startswith("no limits of ['a']: joints of ur5 are ['shoulder_pan_joint'")
     rows = states(UR5, TIMES)
     bare = [(topic, t, {**given, 'effort': []}) for topic, t, given in rows]
-    (note,) = (x for x in shown(write_bag(tmp_path / 'b.mcap', bare), robot=robot).notes)
+    (note,) = (x for x in shown(write_bag(tmp_path / 'b.mcap', bare), robot=robot).run.notes)
     assert note.startswith("no efforts of ['shoulder_pan_joint'")
 
 
@@ -400,7 +411,7 @@ def test_diagnostics_are_findings_by_their_level(tmp_path):
     # One row for a joint, whatever its numbers.
     lines = [('warning', 'drive: joint1 at 31.5 C', 2), ('warning', 'drive: joint2 at 9 C', 1)]
     assert found == [own, *lines, ('bad', 'drive: hot', 2)]
-    assert 'the log has no joint states' in page.notes
+    assert 'the log has no joint states' in page.run.notes
 
 
 # Curves, marks, energy.
@@ -463,14 +474,15 @@ def test_reference_tolerance_push_and_failed_assertion_are_drawn(tmp_path):
     simulate(path, 100, STEADY, **FREE)
     time = np.array([0.02, 0.08])
     reference = PageReference(('elbow',), time, np.array([[0.2], [0.8]]), within=0.1)
-    push = PageMoment(0.03, 'push', '20 N', end=0.05, severity='note')
-    failed = PageMoment(0.06, 'failed assertion', 'AssertionError: far <away>\nsecond line')
+    push = PageFinding('push', 'note', '', '20 N', np.array([[0.03, 0.05]]))
+    text = 'AssertionError: far <away>\nsecond line'
+    failed = PageFinding('failed assertion', 'bad', '', text, np.array([[0.06, 0.06]]))
     page = shown(path, reference, push, failed)
     assert (page.first.kind, page.first.time) == ('failed assertion', 0.06)
     assert '<pre>AssertionError: far &lt;away&gt;\nsecond line</pre>' in page.html
     drawn = data_of(page)
     assert drawn['lanes']['push'] == [[0.03, 0.05, 'note']]
-    assert drawn['moments'][0][:3] == [0.03, 0.05, 'push']
+    assert drawn['marks'][0][:3] == [0.03, 0.05, 'push']
     position = drawn['plots'][0]
     assert position['references'] == [['elbow', 'reference'], ['elbow', 'low'], ['elbow', 'high']]
     values = decoded(position['values'], '<f4').reshape(5, -1)
@@ -536,14 +548,15 @@ def test_random_and_damaged_messages_are_shown_or_named(seed, tmp_path):
     assert [x.time for x in page.findings] == sorted(x.time for x in page.findings)
 
 
-def test_a_damaged_head_is_an_error_with_the_name_of_the_file(tmp_path):
-    path, settings = tmp_path / 'b.mcap', {'settings': '{"publish_rate": "x"}'}
+@pytest.mark.parametrize('rate', ['"x"', '{"a": 1}'])
+def test_a_damaged_head_is_an_error_with_the_name_of_the_file(rate, tmp_path, capsys):
+    path, settings = tmp_path / 'b.mcap', {'settings': f'{{"publish_rate": {rate}}}'}
     simulate(tmp_path / 'a.mcap', 20)
     rewritten(
         tmp_path / 'a.mcap', path, metadata=lambda _, x: x | settings if 'settings' in x else x
     )
-    with pytest.raises(ValueError, match=re.escape(str(path))):
-        shown(path)
+    assert pfd_main(['report', 'log', str(path), '--out', str(tmp_path / 'b.html')]) == 1
+    assert capsys.readouterr().err.startswith(f'pfd report: {path}: ')
 
 
 # The document.

@@ -40,7 +40,7 @@ from pfd_ros.messages.qos import Qos, qos_text
 from pfd_ros.recording.bags import Bag, BagMessage, BagTopic
 from pfd_ros.replay.playlist import INPUT_NAMES, is_command
 from pfd_ros.replay.playlist import choose as choose_topics
-from pfd_ros.replay.schedule import Jump, Schedule, Send, Tick, Window
+from pfd_ros.replay.schedule import Schedule, Send, Window
 from pfd_ros.testing.domains import claimed_domain
 
 CLOCK, MAP, WORDS = '/clock', '/map', '/words'
@@ -484,7 +484,6 @@ def test_options_that_cannot_be_are_one_line_and_status_1(tmp_path, options, lin
 
 UNIT = 1 << 20
 SENT, LATCHED_MAP = '/states', '/map'
-Event = Send | Tick | Jump
 
 
 def message(at: int, k: int, topic: str = SENT) -> BagMessage:
@@ -501,18 +500,16 @@ def log_of(times: Sequence[int]) -> list[BagMessage]:
 def schedule_of(messages: Sequence[BagMessage], **options: Any) -> Schedule:
     first, last = messages[0].log_ns, messages[-1].log_ns
     window = Window(first, first, last + 1)
-    return Schedule(lambda: iter(messages), {LATCHED_MAP: 2}, window, **options)
+    jumped = options.pop('jumped', lambda *_: None)
+    return Schedule(lambda: iter(messages), {LATCHED_MAP: 2}, window, jumped, **options)
 
 
-def drain(schedule: Schedule, now: int) -> list[Event]:
-    found: list[Event] = []
-    while (event := schedule.due(now)) is not None:
-        found.append(event)
-    return found
+def drain(schedule: Schedule, now: int) -> list[Send]:
+    return list(iter(lambda: schedule.due(now), None))
 
 
-def sends(events: Sequence[Event]) -> list[BagMessage]:
-    return [event.message for event in events if isinstance(event, Send)]
+def sends(found: Sequence[Send]) -> list[BagMessage]:
+    return [send.message for send in found]
 
 
 @given(
@@ -535,28 +532,21 @@ def test_each_message_is_due_at_its_time_however_late_the_others_were(times, rat
         now = max(now, when)
         found += drain(schedule, now)
     assert sends(found) == messages
-    for event in found:
-        assert isinstance(event, Send)
-        exact = start + Fraction(event.message.log_ns - messages[0].log_ns) / Fraction(rate)
+    for send in found:
+        exact = start + Fraction(send.message.log_ns - messages[0].log_ns) / Fraction(rate)
         # Half a nanosecond, and the last bit of a float.
-        assert event.due_ns is not None
-        assert abs(event.due_ns - exact) <= 1 + exact * Fraction(1, 2**52)
+        assert send.due_ns is not None
+        assert abs(send.due_ns - exact) <= 1 + exact * Fraction(1, 2**52)
 
 
-def test_after_a_stall_the_clock_is_not_ahead_of_the_messages_that_are_late():
+def test_the_position_is_not_ahead_of_a_message_that_is_late():
     messages = log_of(range(0, 100, 3))
-    schedule = schedule_of(messages, tick_ns=UNIT)
+    schedule = schedule_of(messages)
     drain(schedule, 0)
-    events = drain(schedule, 50 * UNIT)
-    assert events[0] == Tick(messages[1].log_ns)
-    assert sends(events) == messages[1:17]
-    assert len(events) == 17
-    # A player that is too slow for every message still publishes each time that it reaches.
-    ticks = []
-    for now in range(60, 160, 10):
-        taken = [schedule.due(now * UNIT), schedule.due(now * UNIT)]
-        ticks += [event.log_ns for event in taken if isinstance(event, Tick)]
-    assert ticks == [message.log_ns for message in messages[17:27]]
+    assert schedule.position_ns(2 * UNIT) == 2 * UNIT
+    assert schedule.position_ns(50 * UNIT) == messages[1].log_ns
+    assert sends(drain(schedule, 50 * UNIT)) == messages[1:17]
+    assert schedule.position_ns(50 * UNIT) == 50 * UNIT
 
 
 def test_a_pause_keeps_what_is_late_and_a_rate_acts_from_now_on():
@@ -580,36 +570,34 @@ def test_a_pause_keeps_what_is_late_and_a_rate_acts_from_now_on():
 
 def test_a_seek_sends_the_last_latched_messages_before_it_and_then_goes_on():
     messages = log_of(range(40))
-    schedule = schedule_of(messages)
+    jumps = []
+    schedule = schedule_of(messages, jumped=lambda *jump: jumps.append(jump))
     drain(schedule, 0)
-    # Forwards, only those that were not sent yet; two jumps before anything is due are one.
+    # Forwards, only those that were not sent yet.
     schedule.seek(5 * UNIT, 14 * UNIT)
     schedule.seek(5 * UNIT, 16 * UNIT)
-    jump, *events = drain(schedule, 5 * UNIT)
-    assert jump == Jump(UNIT, 16 * UNIT, None)
-    assert sends(events) == [messages[12], messages[15], messages[16]]
-    assert [event.due_ns for event in events] == [None, None, 5 * UNIT]
+    found = drain(schedule, 5 * UNIT)
+    assert sends(found) == [messages[12], messages[15], messages[16]]
+    assert [send.due_ns for send in found] == [None, None, 5 * UNIT]
     # To the last message that was sent.
     schedule.seek(6 * UNIT, 16 * UNIT)
     assert sends(drain(schedule, 6 * UNIT)) == [messages[12], messages[15], messages[16]]
     schedule.seek(6 * UNIT, 4 * UNIT)
-    jump, *events = drain(schedule, 6 * UNIT)
-    assert jump == Jump(16 * UNIT, 4 * UNIT, None)
-    assert sends(events) == [messages[0], messages[3], messages[4]]
+    assert sends(drain(schedule, 6 * UNIT)) == [messages[0], messages[3], messages[4]]
     assert sends(drain(schedule, 7 * UNIT)) == messages[5:6]
+    ends = [(1, 14), (14, 16), (17, 16), (16, 4)]
+    assert jumps == [(UNIT * one, UNIT * other, None) for one, other in ends]
 
 
 def test_a_loop_begins_again_at_its_time_and_while_paused_by_a_step():
     messages = log_of(range(4))
-    schedule = schedule_of(messages, loop=True)
+    jumps = []
+    schedule = schedule_of(messages, loop=True, jumped=lambda *jump: jumps.append(jump))
     drain(schedule, 0)
-    events = drain(schedule, 4 * UNIT)
-    assert Jump(3 * UNIT + 1, 0, 1) in events
-    assert sends(events) == [*messages[1:], messages[0]]
+    assert sends(drain(schedule, 4 * UNIT)) == [*messages[1:], messages[0]]
+    assert jumps == [(3 * UNIT + 1, 0, 1)]
     drain(schedule, 7 * UNIT)
     schedule.pause(7 * UNIT)
-    assert schedule.loops == 1
-    events = [*schedule.step(8 * UNIT)]
-    assert [type(event) for event in events] == [Jump, Send]
-    assert sends(events) == messages[:1]
-    assert (schedule.loops, schedule.ended) == (2, False)
+    assert sends([*schedule.step(8 * UNIT)]) == messages[:1]
+    assert jumps[1:] == [(3 * UNIT, 0, 2)]
+    assert not schedule.ended

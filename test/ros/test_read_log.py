@@ -281,6 +281,18 @@ def test_a_topic_that_nobody_decodes_is_named_and_the_others_are_read(tmp_path, 
     assert line in facts['obstacle']
 
 
+def test_a_topic_with_two_types_is_named_and_the_others_are_read(tmp_path):
+    rows = [Row('/odd', 1000.0, string('a')), *states(3)]
+    write_mcap(tmp_path / 'run_0.mcap', rows, {'/odd': STRING})
+    write_mcap(tmp_path / 'run_1.mcap', [Row('/odd', 1001.0, states(1)[0].data)])
+    log = read_log(tmp_path)
+    assert len(log[STATES]) == 3
+    with pytest.raises(LogError, match="'/odd': it has messages of 'std_msgs/msg/String' and of"):
+        log['/odd']
+    facts = log_facts(tmp_path)['topics']['/odd']
+    assert (facts['messages'], JOINT_STATE in facts['obstacle']) == (2, True)
+
+
 def test_arrays_that_would_be_nearly_empty_are_refused(tmp_path):
     rows = [Row(STATES, k, joint_state([f'joint{k:05}'], [1.0])) for k in range(2000)]
     with pytest.raises(LogError, match='2000 messages name 2000 joints'):

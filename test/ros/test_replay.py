@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Verify: what is equal, and that nothing else is; the summary of a recording."""
+"""Verify: what is equal, and that nothing else is; the facts of a recording."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ from pfd_ros.arm.events import ROLES as ARM_ROLES
 from pfd_ros.arm.events import Message as ArmMessage
 from pfd_ros.messages.text_and_arrays import decode_string, encode_string
 from pfd_ros.node.inbox import Inbox
+from pfd_ros.recording.facts import facts as log_facts
+from pfd_ros.recording.facts import lines as fact_lines
 from pfd_ros.recording.format import END as END_RECORD
 from pfd_ros.recording.format import HEAD as HEAD_RECORD
 from pfd_ros.recording.format import LogError
 from pfd_ros.recording.log import Log as RecordedLog
 from pfd_ros.recording.mcap_records import records as mcap_records
-from pfd_ros.replay.summary import lines as summary_lines
-from pfd_ros.replay.summary import summarize as summarize_log
 from pfd_ros.replay.verify import DifferenceError
 from pfd_ros.replay.verify import verify as verify_log
 
@@ -465,38 +465,35 @@ def test_without_cycles_or_without_its_end_a_recording_is_equal(source, tmp_path
     assert verify_log(endless) == (*verify_log(source)[:2], False)
 
 
-# The summary.
+# The facts.
 
 
-def test_the_summary_counts_messages_rejections_and_times(tmp_path):
+def test_the_facts_count_rejections_and_cycles(tmp_path):
     path = tmp_path / 'run.mcap'
     run = busy(path, cycles=60, start_time=3.0)
-    found = summarize_log(path)
-    assert found.counts == Counter(m.role for m in run.messages)
-    assert found.rejected == {'commands wrong_size': 1, 'joint_commands infinite': 1}
-    assert (found.cycles, found.totals['failure'], found.log.complete) == (60, '', True)
-    lines = summary_lines(found)
-    assert lines[0].endswith('run.mcap: planar2')
-    assert any(line.split()[:3] == ['cycles', '60', 'of'] for line in lines)
-    assert sum(line.startswith('rejected ') for line in lines) == 2
+    found = log_facts(path)
+    assert found['messages'] == len(run.messages)
+    about = found['run']
+    assert about['rejected'] == {'commands wrong_size': 1, 'joint_commands infinite': 1}
+    assert (about['robot'], about['cycles'], found['complete']) == ('planar2', 60, True)
+    assert about['seconds'] == pytest.approx(0.06)
     path.write_bytes(path.read_bytes()[:-200])
-    assert any(line.startswith('cut off') for line in summary_lines(summarize_log(path)))
+    cut = log_facts(path)
+    assert (cut['complete'], cut['run']['cycles'] <= 60) == (False, True)
 
 
-def test_the_summary_counts_floods_and_names_failures_that_a_reset_cleared_too(tmp_path):
+def test_the_facts_count_floods_and_name_failures_that_a_reset_cleared_too(tmp_path):
     path, other = tmp_path / 'run.mcap', tmp_path / 'reset.mcap'
     run = Run(path, **UNLIMITED)
     run.step(*[ArmMessage('commands', bytes(9000))] * 20)
     run.step(efforts(1e300, 1e300), times=20)
     run.close()
     assert verify_log(path).complete
-    found = summarize_log(path)
-    assert found.counts['commands'] < 20
-    assert sum(found.rejected.values()) == 20
-    assert any(
-        line.startswith('FAILED') and run.engine.state.failure in line
-        for line in summary_lines(found)
-    )
+    found = log_facts(path)
+    assert found['topics']['/sim_arm/commands']['messages'] < 20
+    assert sum(found['run']['rejected'].values()) == 20
+    (line,) = (x for x in fact_lines(found) if x.startswith('FAILED'))
+    assert run.engine.state.failure in line
     simulate(other, 40, {1: [efforts(1e300, 1e300)], 30: [request('reset')]}, **UNLIMITED)
-    (line,) = (x for x in summary_lines(summarize_log(other)) if x.startswith('failed'))
+    (line,) = (x for x in fact_lines(log_facts(other)) if x.startswith('failed'))
     assert 'stopped 1 times' in line

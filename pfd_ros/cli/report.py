@@ -36,7 +36,8 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
     add('log', type=Path, metavar='LOG', help=ANY_LOG)
     out = 'the page, never over an existing file; default ./NAME.html for NAME.mcap'
     add('--out', type=Path, metavar='FILE', help=out)
-    add('--robot', help=f'the robot of a log that holds none, for its limits: {ROBOT}')
+    limits = 'whose limits are checked, of a log without its robot and robot_description'
+    add('--robot', help=f'the robot {limits}: {ROBOT}')
     test = 'write the first finding as a new test_*.py that fails today, and run it; no page then'
     add('--pytest', type=Path, metavar='FILE', help=f'{test}, unless --out names one')
     callback = 'with --pytest: the test runs this (t, q, qd) -> tau in place of recorded commands'

@@ -17,15 +17,16 @@ from dataclasses import dataclass, field
 from functools import cached_property
 import math
 from typing import Any, TypeAlias
+import warnings
 
 import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
-from pfd_ros.arm.events import ARRAY, NAMED, REJECTED, STATES, TRAJECTORY, TRUE_STATES
+from pfd_ros.arm.events import ARRAY, DESCRIPTION, NAMED, REJECTED, STATES, TRAJECTORY, TRUE_STATES
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS, unit_of
-from pfd_ros.messages.types import JOINT_STATE
+from pfd_ros.messages.types import JOINT_STATE, STRING
 from pfd_ros.recording.arrays import LogArrays
 from pfd_ros.recording.topic_arrays import TopicArrays
 from pfd_ros.text import cut, listed, one_line
@@ -33,10 +34,19 @@ from pfd_ros.text import cut, listed, one_line
 Array: TypeAlias = NDArray[Any]
 # Stamps so close to those of the states are of the same clock [ns].
 SAME_CLOCK = NANOSECONDS
+PLURALS = dict(zip(JOINT_FIELDS, ('positions', 'velocities', 'efforts'), strict=True))
 # The value of `state_effort` with which efforts are those that the motors limit.
 COMMAND = 'command'
 # A first stamp before this time is a simulated one, and is shown as it is [ns].
 LATEST_START = 10**6 * NANOSECONDS
+
+
+def _chain(text: str) -> pfd.Robot:
+    """Return the robot of a URDF; of a tree its longest chain."""
+    try:
+        return pfd.load_robot(text)
+    except pfd.TreeError as error:
+        return pfd.load_robot(text, tip=error.tip)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +77,8 @@ class Recorded:
         self.unreadable: dict[str, None] = {}
         self.notes: dict[str, None] = {}
         self._read = {topic: found for topic in log if (found := self._topic(topic)) is not None}
+        if log.settings is None and self.robot is None:
+            self.robot = self._described()
         self._by_role = {role: topic for topic, role in log.roles.items() if topic in self._read}
         # The topic of the joint states, '' if none can be read.
         self.topic = self._states_topic()
@@ -251,19 +263,43 @@ class Recorded:
                 self._period(time),
             )
 
+    def _described(self) -> pfd.Robot | None:
+        """Return the robot of the one URDF in a log of another arm; note why there is none."""
+        topics = {
+            str(text): topic
+            for topic, found in self.of_type(STRING)
+            if topic.rpartition('/')[2] == DESCRIPTION
+            for text in found.data
+        }
+        why = 'no robot_description'
+        if len(topics) == 1:
+            (text,) = topics
+            with warnings.catch_warnings():
+                warnings.simplefilter('ignore')  # others than of limits
+                try:
+                    return _chain(text)
+                except ValueError as error:
+                    why = f'that on {cut(topics[text])} cannot be used: {error}'
+        elif topics:
+            why = f'{len(topics)} robots on {listed([*topics.values()])}'
+        if any(self.of_type(JOINT_STATE)):
+            self.notes[one_line(f'limits are not checked, {why}; --robot names a robot')] = None
+        return None
+
     def _without_limits(self) -> Iterator[str]:
-        """Yield lines on joints and efforts of a log for which a robot gives limits in vain."""
+        """Yield lines on joints and numbers of a log for which a robot gives limits in vain."""
         robot = self.robot
         others = [name for name in self.names if robot and name not in robot.joint_names]
         if robot and others and self.log.robot is None:
             known = f'joints of {cut(robot.name)} are {listed(robot.joint_names)}'
             yield one_line(f'no limits of {listed(others)}: {known}')
         for joints in self.joints:
-            limited = np.isfinite(joints.bounds['effort']).any(axis=0)
-            without = np.isnan(joints.values['effort']).all(axis=0) & limited
-            if without.any():
-                names = [joints.names[j] for j in np.flatnonzero(without)]
-                yield one_line(f'no efforts of {listed(names)}: their limits are not checked')
+            for item, plural in PLURALS.items():
+                limited = np.isfinite(joints.bounds[item]).any(axis=0)
+                without = np.isnan(joints.values[item]).all(axis=0) & limited
+                if without.any():
+                    names = [joints.names[j] for j in np.flatnonzero(without)]
+                    yield one_line(f'no {plural} of {listed(names)}: their limits are not checked')
 
     def _commanded_efforts(self) -> Iterator[Joints]:
         """Yield the efforts of the motors, from true_states; note if a recording has none."""

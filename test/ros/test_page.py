@@ -18,6 +18,7 @@ import zlib
 
 from arm_messages import change, efforts, named, placed, request, trajectory
 from devtools import needs_browser
+import gripper_arm
 from logs import JOINT_STATE, STORE, STRING, Row, random_message, write_mcap
 import numpy as np
 import pytest
@@ -29,6 +30,7 @@ from pfd_ros import read_log
 from pfd_ros.arm.events import BUSY
 from pfd_ros.cli.main import main as pfd_main
 from pfd_ros.messages.joints import encode_joints
+from pfd_ros.messages.text_and_arrays import encode_string
 from pfd_ros.page.curves import Reference as PageReference
 from pfd_ros.page.findings import Finding as PageFinding
 from pfd_ros.page.page import TYPES as PAGE_TYPES
@@ -378,9 +380,26 @@ def test_limits_that_a_log_has_no_numbers_for_are_named(tmp_path):
     (note,) = (x for x in shown(other, robot=robot).run.notes if 'limits' in x)
     assert note.startswith("no limits of ['a']: joints of ur5 are ['shoulder_pan_joint'")
     rows = states(UR5, TIMES)
-    bare = [(topic, t, {**given, 'effort': []}) for topic, t, given in rows]
-    (note,) = (x for x in shown(write_bag(tmp_path / 'b.mcap', bare), robot=robot).run.notes)
-    assert note.startswith("no efforts of ['shoulder_pan_joint'")
+    bare = [(topic, t, {**given, 'velocity': [], 'effort': []}) for topic, t, given in rows]
+    notes = shown(write_bag(tmp_path / 'b.mcap', bare), robot=robot).run.notes
+    assert [note.partition(' of ')[0] for note in notes] == ['no velocities', 'no efforts']
+
+
+@pytest.mark.parametrize('arms', [0, 1, 2])
+def test_the_one_description_in_another_log_gives_the_limits(tmp_path, arms):
+    # Of a tree the longest chain.
+    text = gripper_arm.urdf()
+    texts = [text, text.replace('mass value="1"', 'mass value="2"')][:arms]
+    topics = [f'/{k}/robot_description' for k in range(arms)]
+    rows = [(t, DAY, encode_string(x), STRING) for t, x in zip(topics, texts, strict=True)]
+    moving = states(gripper_arm.ARM, TIMES)
+    moving[70][2]['effort'][1] = 91.0
+    page = shown(write_bag(tmp_path / 'a.mcap', [*rows, *moving]))
+    (first,) = [x for x in page.findings if x.kind == 'effort limit'] if arms == 1 else [None]
+    assert first is None or (first.joint, len(first.spans)) == (gripper_arm.ARM[1], 1)
+    notes = [note for note in page.run.notes if note.startswith('limits are not checked')]
+    assert len(notes) == (arms != 1)
+    assert not page.findings or arms == 1
 
 
 def test_infinite_states_are_found(tmp_path):

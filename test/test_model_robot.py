@@ -581,7 +581,7 @@ def nested(levels: int) -> str:
         (ROWS.replace('mass: 1,', 'mass: 1e-400,'), "mass of joint 'a' is too small"),
         (ROWS.replace('mass: 1,', 'mass: 1_0,'), "mass of joint 'a' must be a number, got '1_0'"),
         (ROWS.replace('mass: 1,', 'mass: .nan,'), "mass of joint 'a' must be a number"),
-        (ROWS.replace('mass: 1,', 'mass: 1, accept_unphysical_inertia: maybe,'), 'true or false'),
+        (ROWS.replace('mass: 1,', 'mass: 1, accept_unphysical_inertia: maybe,'), 'True or False'),
         (ROWS.replace('[0, 0, 1e-3]', '{x: 1}'), "center of joint 'b' must be a number, a list"),
         (ROWS.replace('name: a', 'name: [a]'), 'joint_names must be'),
         (ROWS.replace('robot: two', 'robot: two\ntip: {link: [a]}'), 'tip must be a string'),

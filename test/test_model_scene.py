@@ -234,6 +234,9 @@ def test_a_file_may_be_written_by_hand() -> None:
         payload: {mass: 2}
         joint_limits: [[-1, 1], [-inf, .inf]]
         brakes: True
+        external_wrench: TRUE
+        armature: ~
+        torque_speed: [[[0, 1]], Null]
     """
     assert pfd.load_scene(text) == pfd.Scene(
         damping=(0.1, 0.2),
@@ -242,6 +245,8 @@ def test_a_file_may_be_written_by_hand() -> None:
         payload=pfd.Payload(2.0),
         joint_limits=[(-1, 1), (-INF, INF)],
         brakes=True,
+        external_wrench=True,
+        torque_speed=[[(0.0, 1.0)], None],
     )
 
 

@@ -32,19 +32,12 @@ from pfd_core.model.values import (
     quote,
     real_array,
 )
-from pfd_core.model.yaml_files import numbers, read_yaml, table, yaml_text
+from pfd_core.model.yaml_files import YAML_WORDS, numbers, read_yaml, table, yaml_text
 
 # Values of all joints, or of some by their names.
 JointValues: TypeAlias = ArrayLike | Mapping[str, Any]
 # Words of a scene file that are no numbers.
-WORDS: dict[str, Any] = {
-    'null': None,
-    'true': True,
-    'True': True,
-    'false': False,
-    'False': False,
-    **{word: word for word in (MODEL, ESTIMATED, INPUT)},
-}
+WORDS = YAML_WORDS | {word: word for word in (MODEL, ESTIMATED, INPUT)}
 
 
 @dataclass(frozen=True)

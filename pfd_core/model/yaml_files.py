@@ -77,11 +77,18 @@ from pfd_core.model.values import Array, number_from_text, quote, real_array, re
 MOST_NODES = 30_000
 MOST_CHARACTERS = 1_000_000
 
+# The words of YAML 1.2 for none, true and false.
+YAML_WORDS: dict[str, Any] = {
+    **dict.fromkeys(('null', 'Null', 'NULL', '~'), None),
+    **dict.fromkeys(('true', 'True', 'TRUE'), True),
+    **dict.fromkeys(('false', 'False', 'FALSE'), False),
+}
 ELEMENTS = {'xx': (0, 0), 'yy': (1, 1), 'zz': (2, 2), 'xy': (0, 1), 'yz': (1, 2), 'xz': (0, 2)}
 LOSSES = ('damping', 'friction', 'armature')
 PLACED_BY = ('dh', 'modified_dh', 'frame')
 ROW = ('a', 'd', 'alpha_deg', 'theta_deg')
 FRAME = ('rotation', 'translation')
+ACCEPT = 'accept_unphysical_inertia'
 # A follower has none of these.
 OF_MOTORS = ('limits', *LOSSES, 'rotor')
 OPTIONAL = ('center', 'inertia', *OF_MOTORS, *PLACED_BY, 'follows')
@@ -210,7 +217,7 @@ def robot_to_yaml(robot: Robot, *, frames: bool = False) -> str:
             rule = {'multiplier': mover.multiplier, 'offset': mover.offset}
             joint['follows'] = {'joint': mover.leader, **rule}
         if mover.name in robot.accepted:
-            joint['accept_unphysical_inertia'] = True
+            joint[ACCEPT] = True
         joints.append(joint)
     base = {
         'link': robot.base,
@@ -322,16 +329,13 @@ class Joint(NamedTuple):
 def _joint(number: int, row: Any) -> Joint:
     name = row.get('name', f'number {number}') if isinstance(row, Mapping) else number
     label = f'joint {quote(name)}'
-    row = table(label, row, ('name', 'type', 'mass'), (*OPTIONAL, 'accept_unphysical_inertia'))
+    row = table(label, row, ('name', 'type', 'mass'), (*OPTIONAL, ACCEPT))
     ways = [key for key in PLACED_BY if key in row]
     if len(ways) != 1:
         raise ValueError(f'{label} must have exactly one of {", ".join(PLACED_BY)}, got {ways}')
     inertia = _numbers('inertia', label, row, tuple(ELEMENTS))
-    accepted = row.get('accept_unphysical_inertia', 'false')
-    if accepted not in ('true', 'True', 'false', 'False'):
-        raise ValueError(
-            f'accept_unphysical_inertia of {label} must be true or false, got {quote(accepted)}'
-        )
+    place, accepted = f'{ACCEPT} of {label}', row.get(ACCEPT, 'false')
+    accepted = switch(place, numbers(place, accepted, lambda _, text: YAML_WORDS.get(text, text)))
     follows: tuple[str, float, float] | None = None
     if 'follows' in row:
         place, given = f'follows of {label}', [key for key in OF_MOTORS if key in row]
@@ -353,7 +357,7 @@ def _joint(number: int, row: Any) -> Joint:
         (mass, center, symmetric(*(inertia.get(key, 0.0) for key in ELEMENTS))),
         known | _losses(label, row),
         unlimited,
-        accepted in ('true', 'True'),
+        accepted,
         follows,
     )
 

@@ -40,7 +40,7 @@ from pfd_core.paper.patterns import total as pattern_total
 
 
 def sample(n: int, schedule: str) -> pfd.Program:
-    """Record a program that uses every operation but `call`."""
+    """Record a program of arithmetic, choices and data that move."""
     recorder = Recorder(n, schedule)
     x = recorder.input('x', range(n))
     y = lane_sqrt(x * x + 1.0) / (2.0 - lane_sin(x)) - lane_cos(x)
@@ -84,17 +84,6 @@ def test_an_overflow_a_root_or_a_quotient_without_a_number_is_nan_or_infinity() 
         given = {'x': [-4.0, 0.0, 1e200 if digits is None else 1e100]}
         found = run_program(recorder.program(), given, digits=digits)['y'].astype(float)
         np.testing.assert_array_equal(found, [np.nan, -np.inf, np.nan, 0.0, square])
-
-
-def test_a_called_function_gets_rows_and_returns_one() -> None:
-    recorder = Recorder(2)
-    x = recorder.input('x', [0, 1])
-    y = recorder.call('f', x, x + 1.0)
-    recorder.output('y', (2,), [(y, 0), (y, 1)])
-    y = run_program(recorder.program(), {'x': [1.0, 5.0]}, functions={'f': lambda a, b: a * b})[
-        'y'
-    ]
-    np.testing.assert_array_equal(y, [2.0, 30.0])
 
 
 def recorded(n: int, schedule: str, function) -> pfd.Program:  # type: ignore[no-untyped-def]

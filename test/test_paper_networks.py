@@ -45,7 +45,7 @@ from pfd_core.machine.recorder import Recorder
 from pfd_core.model.plant import resolve as resolve_plant
 from pfd_core.paper.articulated_doubling import joined_links
 from pfd_core.paper.articulated_doubling import plan as doubling_plan
-from pfd_core.paper.conjugate import default_limit as default_pcgm_limit
+from pfd_core.paper.conjugate import most_iterations
 from pfd_core.paper.networks import Hop as NetworkHop
 from pfd_core.paper.networks import NetworkError, route_steps
 from pfd_core.paper.networks import carrier as network_carrier
@@ -269,7 +269,7 @@ def test_the_first_iterate_is_off_by_all_and_the_last_is_the_answer() -> None:
     states = {'q': 3 * unit[0], 'qd': unit[1], 'tau': unit[2]}
     errors = conjugate.errors_of_iterates(uniform_chain(3), states)
     np.testing.assert_array_equal(errors[0], 1.0)
-    assert len(errors) <= default_pcgm_limit(3) + 1
+    assert len(errors) <= most_iterations(3) + 1
     # Ten units of rounding of a solution by H, times its condition; seen up to 1e-14.
     assert errors[-1].max() < 1e-13
 

@@ -60,7 +60,7 @@ def derivative(
     ------
     ValueError
         If the program has several lanes or lacks a name, if the mode is unknown, or if an output
-        depends on an input by an operation without rules: a call, a loop, a route.
+        depends on an input by an operation without rules: a loop, a route.
 
     """
     _check(program, outputs, inputs, mode)

@@ -31,7 +31,6 @@ def run(
     inputs: Mapping[str, ArrayLike],
     dtype: str = 'float64',
     digits: int | None = None,
-    functions: Mapping[str, Callable[[Any, Any], Any]] | None = None,
     route: Carrier | None = None,
     observe: Callable[[list[Any]], None] | None = None,
 ) -> dict[str, Any]:
@@ -50,8 +49,6 @@ def run(
         x86 and on 64-bit ARM under Linux.
     digits : int, optional
         Compute with mpmath numbers, objects of type mpf, of this many decimal digits instead.
-    functions : mapping, optional
-        Name to function, for each `call` of the program: of two rows, (lanes, ...), to one.
     route : callable, optional
         Moves the data of a route: of the lane that each lane reads and the value on each lane, to
         a mapping for each lane, from the lane it reads to its value (pfd_core.paper.networks).
@@ -72,7 +69,7 @@ def run(
                 f'input {name} must have shape (..., {size}), got {values[name].shape}'
             )
     batch = next(iter(values.values())).shape[:-1]
-    machine = _Machine(program, values, batch, arithmetic, functions or {}, route, observe)
+    machine = _Machine(program, values, batch, arithmetic, route, observe)
     with arithmetic.context():
         registers = machine.run()
     return {
@@ -91,7 +88,6 @@ class _Machine:
     inputs: Mapping[str, Any]
     batch: tuple[int, ...]
     arithmetic: Any
-    functions: Mapping[str, Callable[[Any, Any], Any]]
     carry: Carrier | None
     observe: Callable[[list[Any]], None] | None
 
@@ -154,8 +150,6 @@ class _Machine:
                 elif not active >> lane & 1:
                     row[lane] = zero
             return row
-        if op == 'call':
-            return self.functions[data](*(self.registers[a] for a in args))
         if op in ('state', 'result'):
             if data >= 0:
                 return self.rows[data]

@@ -164,8 +164,6 @@ OPERATIONS = {
         Operation(
             'cos', 1, 'sines', np.cos, None, ((-1.0, lambda z, a: z.recorder.apply('sin', a)),)
         ),
-        # The rows of a function that is recorded elsewhere: accelerations, for an integrator.
-        Operation('call', -1),
         # A repeated part: `loop` (its initial rows), `state` (a row as this iteration finds it),
         # `leave` (of the last iteration that is allowed nothing more is run), `end` (the rows for
         # the next iteration), `result` (a row after the last one).

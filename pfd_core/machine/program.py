@@ -25,8 +25,8 @@ class Instruction(NamedTuple):
 
     `data` is, of an input, (name, flat index or None) per lane; of a constant, one float per lane;
     of a route, the lane each lane takes its value from, None for its own lane of the second
-    operand; of a call, the function's name; of a loop, the largest number of iterations; of a
-    state or result, the index of a row of the loop's state, -1 for the number of iterations.
+    operand; of a loop, the largest number of iterations; of a state or result, the index of a row
+    of the loop's state, -1 for the number of iterations.
     """
 
     op: str  # a name in OPERATIONS

@@ -211,13 +211,6 @@ class Recorder:
         operands = tuple([values[a].registers[0] for a in args])
         return Lanes(self, (self.write(op, operands, data, active),), active)
 
-    def call(self, function: str, *rows: Lanes) -> Lanes:
-        """Record a call of a function of some rows, whose body is another program."""
-        if self.lanes > 1 and not self.parallel:
-            raise ValueError('a call takes whole rows: record it with a processor for each lane')
-        args = tuple(row.registers[0] for row in rows)
-        return Lanes(self, (self.write('call', args, function, self.all),), self.all)
-
     def route(self, value: Lanes, sources: Sequence[int | None], fill: Lanes | None) -> Lanes:
         """Return lane i of `value[sources[i]]`, or of `fill` where there is no such value."""
         taken = [

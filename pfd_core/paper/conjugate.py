@@ -52,7 +52,7 @@ from pfd_core.paper.newton_euler import forward_equations, inertia_times
 from pfd_core.paper.patterns import total
 
 
-def default_limit(n: int) -> int:
+def most_iterations(n: int) -> int:
     """Return the largest number of iterations of our form for n joints."""
     # Walks through directions that rounding has made dependent take a multiple of n; the hardest
     # chains of up to 30 joints need 6 n.
@@ -65,15 +65,14 @@ def record_pcgm(
     *,
     start: bool = False,
     tolerance: float = TOLERANCE,
-    at_most: int | None = None,
     edition: Edition = OURS,
 ) -> Program:
     """
     Return the program of qdd, (n,), iterations and converged, (1,), from q, qd and tau.
 
     With `start` an input of this name, (n,), is the first estimate of qdd instead of zero. Our
-    form stops when the residual has fallen by the factor `tolerance`, or after `at_most`
-    iterations, by default default_limit(n); the paper's, which packs nothing, after n.
+    form stops when the residual has fallen by the factor `tolerance`, or after most_iterations(n);
+    the paper's, which packs nothing, after n.
     """
     chain, y = forward_equations(plant, schedule, edition)
     recorder = chain.recorder
@@ -118,8 +117,8 @@ def record_pcgm(
                 after = total(w * w)
         return (x, w, u, after), after if edition.printed else where(ut, after, 0.0)
 
-    if at_most is None:
-        at_most = recorder.lanes if edition.printed else default_limit(recorder.lanes)
+    n = recorder.lanes
+    at_most = n if edition.printed else most_iterations(n)
     (x, _, _, last), iterations = iterate(step, (x, w, w, e), e, at_most, floor=floor)
     converged = recorder.constant(1.0)
     if floor is not None:

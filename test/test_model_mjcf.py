@@ -164,6 +164,10 @@ def off(flag: str) -> str:
         ('damping="1" frictionloss="1"', off('frictionloss'), 'switch off friction$'),
         ('range="0 9"', off('limit'), 'switch off limits$'),
         ('range="0 9" frictionloss="1"', off('constraint'), 'off friction and limits$'),
+        (
+            *('', off('actuation') + '<actuator><motor joint="a" gear="2"/></actuator>'),
+            'switch off actuators$',
+        ),
         ('', '<option density="1.2"/>', 'fluid'),
         ('', '<equality><joint joint1="a" active="false"/></equality>', 'equality constraints'),
         ('', '<tendon><fixed><joint joint="a" coef="1"/></fixed></tendon>', 'tendons'),

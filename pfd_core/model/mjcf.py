@@ -44,6 +44,7 @@ FLAGS = {
     'DAMPER': ('damping', 'dof_damping'),
     'FRICTIONLOSS': ('friction', 'dof_frictionloss'),
     'LIMIT': ('limits', 'jnt_limited'),
+    'ACTUATION': ('actuators', 'actuator_gear'),
 }
 OTHERS = ('CONTACT', 'GRAVITY')
 # Kinds of named elements, and the fields with their numbers.

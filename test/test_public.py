@@ -78,7 +78,7 @@ WORDS = {
     'source': 'robot|scene',
     'locked': 'lock',
     'name': 'frame',
-    'positions': 'lock',
+    'positions': 'lock|positions',
     'path': 'directory|null byte|File name',
 }
 
@@ -124,6 +124,7 @@ INSTANCES: dict[str, Callable[[], Any]] = {
     'Robot': lambda: ROBOT,
     'Scene': pfd.Scene,
     'Simulator': lambda: pfd.Simulator(ROBOT),
+    'Urdf': lambda: pfd.read_urdf(pfd.urdf_of('planar2')),
 }
 ZEROS: dict[str, Any] = {'q': ZERO, 'qd': ZERO, 'tau': ZERO}
 OUT = np.zeros(2)
@@ -166,6 +167,7 @@ METHODS: dict[str, dict[str, dict[str, Any]]] = {
         'rollout': {'taus': np.zeros((2, 2))},
         'step': {'tau': ZERO},
     },
+    'Urdf': {'with_followers': {'positions': {}}},
 }
 # Of the simulations among themselves.
 INTERNAL = {'clear', 'copy_from'}

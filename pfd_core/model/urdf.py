@@ -160,9 +160,10 @@ class Urdf:
 
     def with_followers(self, positions: Mapping[str, float]) -> dict[str, float]:
         """Return positions [rad, m] by joint, and those of the joints that mimic them."""
-        return with_followers(
-            positions, {name: j for name, j in self.joints.items() if j.kind in JOINT_TYPES}
-        )
+        if not isinstance(positions, Mapping):
+            raise ValueError(f'positions must be by name of joint, got {quote(positions)}')
+        movable = {name: joint for name, joint in self.joints.items() if joint.kind in JOINT_TYPES}
+        return with_followers(positions, movable)
 
 
 def parse_urdf(text: str, source: str = 'URDF text', lines: bool = True) -> Urdf:

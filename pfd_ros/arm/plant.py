@@ -226,7 +226,7 @@ def _friction(
 ) -> dict[str, tuple[NDArray[Any], NDArray[Any]]]:
     """Return the friction of a scene and the share that drives compensate, (n,), by field."""
     rows = {row.field: row for row in PER_JOINT if row.field in SCALES}
-    found = {}
+    found = dict[str, tuple[NDArray[Any], NDArray[Any]]]()
     for name, setting in COMPENSATED.items():
         shares = joint_values(rows[setting], settings, robot, order.tolist())
         if any(shares):

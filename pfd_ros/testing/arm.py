@@ -317,8 +317,7 @@ class LockstepArm:
     def set(self, **values: Any) -> None:
         """Change dynamic settings from the next step on; ValueError if one is invalid."""
         _check_names(values)
-        plain = {name: plain(value) for name, value in values.items()}
-        self._demand(events.PARAMETERS, encode_changes(plain))
+        self._demand(events.PARAMETERS, encode_changes(plain(values)))
 
     def save(self) -> State:
         """Return a copy of the state of the arm, from which `restore` continues with equal bits.
@@ -370,15 +369,15 @@ class LockstepArm:
 
 def _described(robot: Any, given: Mapping[str, Any]) -> DescribedRobot:
     """Return robot and settings of an arm in tests: the first stamp is one step above zero."""
-    plain, numbers = split_joints(given)
-    _check_names({**plain, **numbers})
+    chosen, numbers = split_joints(given)
+    _check_names({**chosen, **numbers})
     for name, value in FIXED.items():
-        if plain.get(name, value) != value:
-            raise ValueError(f'{name} is {plain[name]!r}, expected {value!r} in tests')
+        if chosen.get(name, value) != value:
+            raise ValueError(f'{name} is {chosen[name]!r}, expected {value!r} in tests')
     name = robot.name if isinstance(robot, pfd.Robot) else os.fspath(robot)
-    values = {field: plain(value) for field, value in plain.items()}
+    values = {field: plain(value) for field, value in chosen.items()}
     settings = Settings.from_values({**values, **FIXED, 'robot': name})
-    if 'start_time' not in plain:
+    if 'start_time' not in chosen:
         # Zero means 'no time' to ROS.
         settings = replace(settings, start_time=settings.step_size)
     settings = with_scene_text(settings)

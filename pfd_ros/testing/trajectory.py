@@ -393,8 +393,9 @@ class Trajectory:
         __tracebackhide__ = True
         if kind not in (None, *JOINT_FIELDS):
             raise ValueError(f'kind is {kind!r}, expected one of {list(JOINT_FIELDS)}')
-        for j in self._columns(joint) if kind else ():
-            self._check_known(kind, j)
+        if kind is not None:
+            for j in self._columns(joint):
+                self._check_known(kind, j)
         chosen = {self.names[j] for j in self._columns(joint)}
         hits = [x for x in self.limits_hit() if x.joint in chosen and kind in (None, x.kind)]
         if hits:

@@ -138,6 +138,7 @@ class Trajectory:
         `target` is where the joints should rest, (n,) or one number for all, and `within` the
         largest distance from there, rad or m.
         """
+        _check_bounds(within=within)
         columns = zip(self.q.T, self._per_joint('target', target), strict=True)
         return np.array([metrics.settling_time(self.time, q, r, within) for q, r in columns])
 
@@ -292,6 +293,7 @@ class Trajectory:
     ) -> None:
         """Check distances (N, n) from goals, or (N, 1) of the tip; `after` is named."""
         __tracebackhide__ = True
+        _check_bounds(within=within, rms=rms)
         if within == rms == math.inf:
             raise ValueError('expected within=..., rms=... or both')
         late = self.time - self.time[0] >= after[1]
@@ -332,6 +334,7 @@ class Trajectory:
         A joint without a step is an error: name the joints with a step.
         """
         __tracebackhide__ = True
+        _check_bounds(bound=bound)
         goals, shares = self._per_joint('target', target), self.overshoot(target)
         for j in self._columns(joint):
             if np.isnan(shares[j]):
@@ -375,6 +378,7 @@ class Trajectory:
         __tracebackhide__ = True
         if not 0.0 <= quantile <= 1.0:
             raise ValueError(f'quantile is {quantile!r}, expected 0 to 1')
+        _check_bounds(seconds=seconds)
         told, found = self.computation_time(), float(np.nanquantile(self.compute_time, quantile))
         if not found <= seconds:
             k = int(np.nanargmax(self.compute_time))
@@ -416,12 +420,12 @@ class Trajectory:
             raise ValueError(f'the motion has no {kind} of joint {self.names[j]!r}')
 
     def _per_joint(self, name: str, value: ArrayLike) -> Array:
-        """Return a number for each joint (n,); one number means all."""
+        """Return a number for each joint (n,), none of them NaN; one number means all."""
         array, count = np.asarray(value, np.float64), len(self.names)
-        if array.shape not in ((), (count,)):
+        if array.shape not in ((), (count,)) or np.isnan(array).any():
             raise ValueError(
                 f'{name} has shape {array.shape}, expected one number or ({count},), '
-                f'one for each of {list(self.names)}'
+                f'one for each of {list(self.names)}, and none NaN'
             )
         return np.broadcast_to(array, (count,))
 
@@ -435,3 +439,10 @@ class Trajectory:
                 f'({columns},) or a function of the time that returns them'
             )
         return np.broadcast_to(array, shape)
+
+
+def _check_bounds(**bounds: float) -> None:
+    """Raise ValueError for a bound of an assertion that is no number, or below zero."""
+    for name, value in bounds.items():
+        if np.ndim(value) or not value >= 0.0:
+            raise ValueError(f'{name} is {value!r}, expected one number, 0 or above')

@@ -162,8 +162,18 @@ def test_assertions_check_the_named_joints():
         found.assert_settles(1.0, within=1.0, by=0.0, joint='c')
     with pytest.raises(ValueError, match='by is 3'):
         found.assert_settles(1.0, within=1.0, by=3.0)
-    with pytest.raises(ValueError, match=r'target has shape \(3,\)'):
-        found.settling_time([1, 2, 3], 0.1)
+    for target in ([1, 2, 3], math.nan):
+        with pytest.raises(ValueError, match=r'target has shape \(3?,?\)'):
+            found.assert_overshoot_below(0.1, target)
+    for bound in (math.nan, -1.0, [0.1, 0.1]):
+        for assertion in (
+            lambda bound: found.assert_settles(1.0, within=bound, by=0.1),
+            lambda bound: found.assert_tracks(1.0, rms=bound),
+            lambda bound: found.settling_time(1.0, bound),
+            lambda bound: found.assert_overshoot_below(bound, 2.0),
+        ):
+            with pytest.raises(ValueError, match=r'is .*, expected one number, 0 or above'):
+                assertion(bound)
 
 
 TIME = np.arange(101) / 100.0

@@ -19,16 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pfd_ros.arm import events
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.events import (
-    LOCKED_JOINTS,
-    OVERWRITTEN,
-    SOME_NAN,
-    UNCLAIMED,
-    Change,
-    RefusedError,
-    Verdict,
-)
+from pfd_ros.arm.events import Change, RefusedError, Verdict
 from pfd_ros.arm.state import BRAKE, EFFORT, POSITION, VELOCITY, State
 from pfd_ros.messages.joints import JOINT_FIELDS, Joints, decode_joints
 from pfd_ros.messages.text_and_arrays import decode_floats
@@ -96,7 +89,7 @@ def _others(arm: Arm, joints: Joints) -> Remarks:
         raise RefusedError('unknown_names', f'none of {listed(strange)} is a joint of the arm')
     if welded and len(others) == count:
         raise RefusedError('refused', f'locked: {listed(welded)}')
-    found = ('unknown_names', 'unknown joints', strange), (LOCKED_JOINTS, 'locked:', welded)
+    found = ('unknown_names', 'unknown joints', strange), (events.LOCKED_JOINTS, 'locked:', welded)
     return tuple(Verdict(label, f'{what} {listed(x)}') for label, what, x in found if x)
 
 
@@ -130,11 +123,11 @@ def _numbers(
     held = np.flatnonzero(~given & (arm.state.newest[BRAKE, places] == 0.0))
     text = f'NaN for {listed([joints.names[known[k]] for k in held])}: the last command is kept'
     if not given.any():
-        raise RefusedError(*(('all_nan', text) if len(held) else UNCLAIMED))
+        raise RefusedError(*(('all_nan', text) if len(held) else events.UNCLAIMED))
     sent = [len(x) and (driven.servo or x is joints.effort) for x in arrays]
     kinds = zip((effort, position, velocity), sent, strict=True)
     found = places[given], *(values[given] if one else None for values, one in kinds)
-    return found, (Verdict(SOME_NAN, text),) if len(held) else ()
+    return found, (Verdict(events.SOME_NAN, text),) if len(held) else ()
 
 
 def command(
@@ -200,7 +193,7 @@ def _overwritten(arm: Arm, joints: Any) -> Remarks:
     state.touched = np.union1d(every[state.touched], every[joints])
     names = listed([arm.robot.joint_names[k] for k in again])
     text = f'{names} commanded again before the next step'
-    return (Verdict(OVERWRITTEN, text),) if len(again) else ()
+    return (Verdict(events.OVERWRITTEN, text),) if len(again) else ()
 
 
 def _refuse(

@@ -14,18 +14,7 @@ from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from pfd_ros.arm.events import (
-    ARRAY,
-    CLOCK,
-    CLOCK_TICKS,
-    DESCRIPTION,
-    INPUT,
-    INPUTS,
-    PAYLOAD_IN_USE,
-    REJECTED,
-    ROLES,
-    STATES,
-)
+from pfd_ros.arm import events
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.matching import OVERRIDABLE, mismatch
 from pfd_ros.messages.topics import message_class, node_of, remapped
@@ -33,9 +22,9 @@ from pfd_ros.text import cut, listed, one_line
 
 # Of outputs that a reader wants each of; of the others the newest message is enough.
 OUTPUT_DEPTH = 10
-NEWEST_ONLY = frozenset({CLOCK, PAYLOAD_IN_USE})
+NEWEST_ONLY = frozenset({events.CLOCK, events.PAYLOAD_IN_USE})
 # As rclpy and rclcpp subscribe a clock: the next tick replaces a lost one.
-BEST_EFFORT = frozenset({CLOCK_TICKS})
+BEST_EFFORT = frozenset({events.CLOCK_TICKS})
 
 
 class Endpoints(NamedTuple):
@@ -67,19 +56,19 @@ class Endpoints(NamedTuple):
     def misfit(self, role: str, info: Any) -> str:
         """Return why ours and an endpoint in the graph exchange no messages, '' if they do."""
         end, reads = self.all[role], role in self.subscriptions
-        wanted = ROLES[role].type
+        wanted = events.ROLES[role].type
         return mismatch(info, end.topic_name, wanted, end.qos_profile, publishes=reads)
 
 
 def topic_roles(settings: Settings) -> set[str]:
     """Return the roles that have a topic of the node."""
-    roles = {role for role in INPUTS if not ROLES[role].service}
-    roles |= {REJECTED, PAYLOAD_IN_USE, STATES, *settings.outputs}
+    roles = {role for role in events.INPUTS if not events.ROLES[role].service}
+    roles |= {events.REJECTED, events.PAYLOAD_IN_USE, events.STATES, *settings.outputs}
     if settings.publish_clock:
-        roles.add(CLOCK)
+        roles.add(events.CLOCK)
     if settings.publish_description:
-        roles.add(DESCRIPTION)
-    return roles if settings.follows_clock else roles - {CLOCK_TICKS}
+        roles.add(events.DESCRIPTION)
+    return roles if settings.follows_clock else roles - {events.CLOCK_TICKS}
 
 
 def chosen_topics(
@@ -92,9 +81,9 @@ def chosen_topics(
 
     A remapping of the default topic overrides `<ros2_control>`; `log` gets a line about each.
     """
-    chosen = {ARRAY: settings.command_topic} if settings.command_topic else {}
+    chosen = {events.ARRAY: settings.command_topic} if settings.command_topic else {}
     for role, topic in theirs.items():
-        own = ROLES[role].topic
+        own = events.ROLES[role].topic
         name = remapped(node, own)
         if name:
             log(one_line(f'{own} is remapped to {name}, ignoring {topic} of <ros2_control>'))
@@ -106,8 +95,8 @@ def chosen_topics(
 
 def profile(role: str, depth: int = 0) -> QoSProfile:
     """Return the QoS of a role without overrides, with the depth of its row or another one."""
-    row = ROLES[role]
-    deep = row.kind != INPUT and not row.latched and role not in NEWEST_ONLY
+    row = events.ROLES[role]
+    deep = row.kind != events.INPUT and not row.latched and role not in NEWEST_ONLY
     latched, lossy = row.latched, role in BEST_EFFORT
     return QoSProfile(
         depth=depth or (OUTPUT_DEPTH if deep else 1),
@@ -146,12 +135,12 @@ def create_endpoints(
     # No events of the middleware: graph.py logs the same with the names of nodes and a remedy.
     reads = SubscriptionEventCallbacks(use_default_callbacks=False)
     writes = PublisherEventCallbacks(use_default_callbacks=False)
-    for role in (role for role in ROLES if role in roles):
-        row, topic = ROLES[role], topics.get(role, ROLES[role].topic)
+    for role in (role for role in events.ROLES if role in roles):
+        row, topic = events.ROLES[role], topics.get(role, events.ROLES[role].topic)
         made = (message_class(row.type), topic)
         end: Any
         try:
-            if row.kind == INPUT:
+            if row.kind == events.INPUT:
                 end = ends.subscriptions[role] = node.create_subscription(
                     *made,
                     partial(receive, role),

@@ -14,23 +14,11 @@ import threading
 import time
 from typing import Any
 
+from pfd_ros.arm import events
 from pfd_ros.arm.actuators import timeout_text
 from pfd_ros.arm.advice import Speeding, speeding, stated
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import (
-    ACCEPTED,
-    ARRAY,
-    BUSY,
-    CLOCK_TICKS,
-    INPUTS,
-    LOCKED_JOINTS,
-    NAMED,
-    OUTSIDE_STOPS,
-    ROLES,
-    SOME_NAN,
-    UNCLAIMED,
-    Verdict,
-)
+from pfd_ros.arm.events import Verdict
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.node.endpoints import Endpoints
 from pfd_ros.node.stepping import RESEND_SECONDS, Stepper
@@ -43,7 +31,7 @@ MOST_FINDINGS = 64
 # A followed clock may be slow, and discovery takes up to three seconds.
 LOST_CLOCK_SECONDS = 5
 # No command, no error: a driver sends NaN until a controller has claimed the joint.
-QUIET = frozenset({ACCEPTED.label, UNCLAIMED.label})
+QUIET = frozenset({events.ACCEPTED.label, events.UNCLAIMED.label})
 # What a controller must never send.
 ERRORS = frozenset({'infinite', 'not_finite'})
 # End of the labels of remarks about accepted inputs.
@@ -95,12 +83,12 @@ class Report:
 
     def inputs(self) -> dict[tuple[str, str], tuple[int, str]]:
         """Return the counts of inputs, by role and label."""
-        return {key: value for key, value in self.counts().items() if key[0] in INPUTS}
+        return {key: value for key, value in self.counts().items() if key[0] in events.INPUTS}
 
     def accepted(self, roles: Collection[str]) -> int:
         """Return how many inputs of some roles were accepted."""
         counts = self.counts()
-        return sum(counts.get((role, ACCEPTED.label), (0,))[0] for role in roles)
+        return sum(counts.get((role, events.ACCEPTED.label), (0,))[0] for role in roles)
 
     def rejected(self) -> int:
         """Return how many inputs were rejected."""
@@ -156,11 +144,16 @@ class Report:
 
 def introduce(engine: Engine, endpoints: Endpoints, log: Callable[[str], object]) -> None:
     """Log the topics of an arm, the robot, and what its model has that is off."""
-    named, plain = (f'{endpoints.topic(role)} ({ROLES[role].type}' for role in (NAMED, ARRAY))
+    named, plain = (
+        f'{endpoints.topic(role)} ({events.ROLES[role].type}'
+        for role in (events.NAMED, events.ARRAY)
+    )
     order = ', '.join(cut(name) for name in engine.names)
     kinds = 'effort, position, velocity' if engine.actuators.servo else 'effort'
     log(f'subscribed to {named}: name and {kinds}) and {plain}: efforts in the order {order})')
-    outputs = [f'{endpoints.topic(role)} ({ROLES[role].type})' for role in endpoints.publishers]
+    outputs = [
+        f'{endpoints.topic(role)} ({events.ROLES[role].type})' for role in endpoints.publishers
+    ]
     log(f'publishing {" and ".join(outputs)}')
     log(
         f'{cut(engine.state.settings.robot)}: each of the {len(engine.names)} joints is braked '
@@ -186,7 +179,7 @@ def report_arm(report: Report, stepper: Stepper, endpoints: Endpoints) -> None:
     engine, state = stepper.engine, stepper.engine.state
     _report_inputs(report, engine, endpoints)
     cure = 'lower real_time_factor or publish_rate, or raise step_size'
-    report.line('missed', stepper.missed, f'# {BUSY}: {cure}')
+    report.line('missed', stepper.missed, f'# {events.BUSY}: {cure}')
     report.line('timeouts', state.timeouts, timeout_text(state.settings))
     text = f'protective stop, all joints braked: {state.tripped}; call ~/reset to end it'
     report.line('reflex', state.trips, text, error=True)
@@ -204,10 +197,10 @@ def report_arm(report: Report, stepper: Stepper, endpoints: Endpoints) -> None:
         'state, so the clock of their sender lags, as that of hardware of ros2_control may'
     )
     report.line('lagging', stepper.lagging, text)
-    since = max(stepper.started, report.newest.get(CLOCK_TICKS, 0.0))
+    since = max(stepper.started, report.newest.get(events.CLOCK_TICKS, 0.0))
     silent = int(time.monotonic() - since) if state.settings.follows_clock else 0
     if silent >= LOST_CLOCK_SECONDS and not report.closing:
-        topic = endpoints.topic(CLOCK_TICKS)
+        topic = endpoints.topic(events.CLOCK_TICKS)
         text = f'no {topic} for {silent} s: simulation paused until it is received again'
         report.lasting('lost clock', text)
     speed = speed_of(engine)
@@ -223,12 +216,12 @@ def _report_inputs(report: Report, engine: Engine, endpoints: Endpoints) -> None
                 f'{detail.removeprefix("unknown joints ")}; known joints: {listed(engine.names)}'
             )
             report.line(key, count, f'unknown joints in messages ignored on {topic}: {names}')
-        elif label == f'{LOCKED_JOINTS}{REMARK}':
+        elif label == f'{events.LOCKED_JOINTS}{REMARK}':
             names = detail.removeprefix('locked: ')
             report.once(key, f'commands for locked joints have no effect: {names}')
-        elif label == f'{SOME_NAN}{REMARK}':
+        elif label == f'{events.SOME_NAN}{REMARK}':
             report.line(key, count, f'commands on {topic} have {detail}')
-        elif label == f'{OUTSIDE_STOPS}{REMARK}':
+        elif label == f'{events.OUTSIDE_STOPS}{REMARK}':
             report.line(key, count, f'state set on {topic}: {detail}')
         elif label == f'future{REMARK}':
             report.once(key, f'commands on {topic} have stamps of another clock: {detail}')
@@ -239,11 +232,11 @@ def _report_inputs(report: Report, engine: Engine, endpoints: Endpoints) -> None
 
 def summary(report: Report, stepper: Stepper) -> str:
     """Return the totals of a run as a sentence."""
-    state = stepper.engine.state
+    state, accepted = stepper.engine.state, report.accepted(events.INPUTS)
     failure = f'; failure: {state.failure}' if state.failure else ''
     return (
         f'stopped after {state.step * state.settings.step_ns / NANOSECONDS:.9g} s of simulated '
-        f'time: {stepper.states} states published, {report.accepted(INPUTS)} messages accepted, '
+        f'time: {stepper.states} states published, {accepted} messages accepted, '
         f'{report.rejected()} rejected, {stepper.late} of {state.step} steps late, '
         f'{stepper.missed} periods missed{failure}'
     )

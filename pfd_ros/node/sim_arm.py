@@ -19,20 +19,10 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy.node import Node
 
+from pfd_ros.arm import events
 from pfd_ros.arm.advice import estimate_text
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import (
-    DESCRIPTION,
-    DIAGNOSTICS,
-    PARAMETERS,
-    PAYLOAD,
-    REJECTED_COUNTS,
-    REQUESTS,
-    ROLES,
-    TIP_WRENCH,
-    TRANSITIONS,
-    Message,
-)
+from pfd_ros.arm.events import Message
 from pfd_ros.arm.other_inputs import encode_request
 from pfd_ros.arm.plant import with_scene_text
 from pfd_ros.arm.plant_settings import ESTIMATED
@@ -96,18 +86,18 @@ class SimArm:
         settings = with_scene_text(settings)
         with compile_report(log.info, model.robot.name):
             frames = model.recorded_frames(settings, log.warning)
-            roles = topic_roles(settings) | {REQUESTS, PARAMETERS}
+            roles = topic_roles(settings) | {events.REQUESTS, events.PARAMETERS}
             if settings.recording:
-                roles |= {REJECTED_COUNTS, DIAGNOSTICS, TRANSITIONS}
+                roles |= {events.REJECTED_COUNTS, events.DIAGNOSTICS, events.TRANSITIONS}
                 # Pages and views show it.
-                roles |= {TIP_WRENCH, *(frames.roles if frames is not None else ())}
+                roles |= {events.TIP_WRENCH, *(frames.roles if frames is not None else ())}
             self.engine = Engine(settings, model.robot, roles, frames)
             kernels = MassKernels(self.engine)
         inbox = self.inbox = Inbox(report.count)
         changes = self._changes = Changes(self.engine, inbox, report.count)
 
         def receive(role: str, data: bytes) -> None:
-            if role == PAYLOAD:
+            if role == events.PAYLOAD:
                 changes.put(role, data)
             else:
                 inbox.put(role, data)
@@ -117,7 +107,7 @@ class SimArm:
         create_services(node, self.engine, inbox)
         create_standard_services(node, self.engine, inbox, self._threads, self._ended.is_set)
         if settings.publish_description:
-            ends.publishers[DESCRIPTION].publish(encode_string(model.text))
+            ends.publishers[events.DESCRIPTION].publish(encode_string(model.text))
         if vars(settings)['armature'] == ESTIMATED:
             log.info(estimate_text(model.robot))
         ignored = parameters.refuse_unknown(node)
@@ -140,7 +130,8 @@ class SimArm:
         from pfd_ros.recording.recorder import Recorder
 
         topics = {
-            role: self._node.resolve_topic_name(ROLES[role].topic) for role in self.engine.roles
+            role: self._node.resolve_topic_name(events.ROLES[role].topic)
+            for role in self.engine.roles
         }
         topics |= {role: end.topic_name for role, end in self.endpoints.all.items()}
         return Recorder(path, self.engine, topics, self._node.get_logger().error)
@@ -159,13 +150,13 @@ class SimArm:
 
     def request(self, name: str) -> None:
         """Pass a request to the arm, and return when it has been executed; else ValueError."""
-        asked = self.inbox.put(REQUESTS, encode_request(name))
+        asked = self.inbox.put(events.REQUESTS, encode_request(name))
         try:
             verdict = asked.result(TRANSITION_SECONDS)
         except LateError:
             if name == 'activate':
                 # An arm that does not answer now must not start to move later.
-                self.inbox.put(REQUESTS, encode_request('deactivate'))
+                self.inbox.put(events.REQUESTS, encode_request('deactivate'))
             raise ValueError(f'the arm did not answer within {TRANSITION_SECONDS:g} s') from None
         if not verdict.accepted:
             raise ValueError(verdict.detail)

@@ -4,12 +4,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import os
 from pathlib import Path
 import re
 import shlex
 import sys
+import tempfile
+from types import SimpleNamespace
 from typing import Any
 
 from arm_messages import efforts, named
@@ -333,16 +335,27 @@ WRONG = {
 }
 
 
+def forked(command: Sequence[Any], **more: Any) -> SimpleNamespace:
+    """Do what subprocess.run does with pytest, in a process that need not import this package.
+
+    It runs in another folder than the current one, and without it on the path of Python.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        output = Path(folder) / 'printed.txt'
+        words = [*command[command.index('-q') :][:-1], str(Path(command[-1]).absolute())]
+        # A controller is written twice within a second.
+        replaced = {'sys.dont_write_bytecode': True}
+        job = Job('pytest', words, output, more['env'], Path('/'), replaced)
+        return SimpleNamespace(
+            returncode=ForkedProcess(job).wait(), stdout=output.read_text(), stderr=''
+        )
+
+
 def passes(file: str) -> bool:
-    """Run a file in another folder than the current one, and without it on the path of Python."""
-    output = Path('printed.txt').absolute()
     env = {name: os.environ[name] for name in ('PATH', 'PFD_CACHE')}
-    words = ['-q', '-p', 'no:cacheprovider', str(Path(file).absolute())]
-    # A controller is written twice within a second.
-    replaced = {'sys.dont_write_bytecode': True}
-    status = ForkedProcess(Job('pytest', words, output, env, Path('/'), replaced)).wait()
-    assert status in (0, 1), output.read_text()
-    return status == 0
+    done = forked(['-q', '-p', 'no:cacheprovider', file], env=env)
+    assert done.returncode in (0, 1), done.stdout
+    return done.returncode == 0
 
 
 def upright(path: Path) -> None:
@@ -408,7 +421,8 @@ WRITTEN: dict[str, tuple[Callable[[Path], Any], str, str, str]] = {
 
 
 @pytest.mark.parametrize('name', WRITTEN)
-def test_the_first_finding_is_written_as_a_test_that_fails_by_it(name):
+def test_the_first_finding_is_written_as_a_test_that_fails_by_it(name, monkeypatch):
+    monkeypatch.setattr('pfd_ros.testing.written.subprocess.run', forked)
     record, kind, assertion, words = WRITTEN[name]
     Path('logs').mkdir()
     Path('tests').mkdir()
@@ -529,7 +543,8 @@ def test_what_cannot_be_written_is_one_line_and_no_file(words, message):
     assert Path('test_mine.py').read_text() == 'mine'
 
 
-def test_names_in_a_log_cannot_write_other_code():
+def test_names_in_a_log_cannot_write_other_code(monkeypatch):
+    monkeypatch.setattr('pfd_ros.testing.written.subprocess.run', forked)
     hostile = 'elbow\'); raise SystemExit(3) #\n\u2028"""\\{joint}'
     rows = states([hostile, 'other'], TIMES)
     rows[50][2]['velocity'][0] = np.inf

@@ -408,7 +408,7 @@ def wait_for_handlers(process: Process) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize('count', [6, pytest.param(240, marks=pytest.mark.long)])
+@pytest.mark.parametrize('count', [3, pytest.param(240, marks=pytest.mark.long)])
 def test_a_signal_while_the_node_starts_ends_it_like_a_later_one(processes, count):
     def once(k):
         process = processes.python(*STARTS[k % len(STARTS)], '--ros-args', '-p', 'robot:=planar2')

@@ -578,10 +578,8 @@ def test_the_reported_energy_excludes_gravity_compensation():
 
     told = []
     for compensated in (False, True):
-        settings = Settings(
-            robot='planar2', gravity_compensation=compensated, external_wrench=True
-        )
-        kernels = MassKernels(Engine(settings, pfd.load_robot('planar2')))
+        more = {'gravity_compensation': True, 'external_wrench': True} if compensated else {}
+        kernels = MassKernels(Engine(Settings(robot='planar2', **more), pfd.load_robot('planar2')))
         told.append(kernels.energy(np.array([0.3, -0.2]), np.ones(2)).tolist())
         assert 0.0 <= kernels.error_estimate(*np.ones((3, 2)), {}) < ROUNDING
     assert told[0] == told[1]

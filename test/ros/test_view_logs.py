@@ -310,7 +310,7 @@ def test_a_view_that_cannot_start_is_one_line_before_the_arm(
     words = pfd_commands_of([command])[command], [command, '--view']
     given = pfd_parser({command: words[0]}).parse_args(words[1])
     given.ros_args, given.stop = [], None
-    with pytest.raises(ValueError, match='viser_which_nobody_has: .* -m pip install '):
+    with pytest.raises(ValueError, match=r'viser_which_nobody_has: .* -m pip install '):
         words[0].run(given)
     assert not any(tmp_path.iterdir())
 

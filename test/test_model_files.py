@@ -4,10 +4,12 @@
 
 from __future__ import annotations
 
+from functools import cache
 import os
 from pathlib import Path
 import re
 import sys
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -162,6 +164,14 @@ def arm(tmp_path: Path) -> Path:
     return xacro_file(tmp_path, XACRO_ARM)
 
 
+@cache
+def expanded() -> str:
+    """Return the URDF of XACRO_ARM."""
+    with TemporaryDirectory() as folder:
+        (Path(folder) / 'macros.xacro').write_text(INCLUDED, encoding='utf-8')
+        return pfd.urdf_of(xacro_file(Path(folder), XACRO_ARM))
+
+
 @pytest.mark.parametrize(
     ('name', 'macros', 'before'),
     [
@@ -178,9 +188,9 @@ def test_the_content_of_a_file_decides_what_it_is(
 ) -> None:
     # Where the included file is, in case the file is a xacro.
     path = arm.parent / name
-    wanted, text = pfd.load_robot(arm), XACRO_ARM if macros else pfd.urdf_of(arm)
+    text = XACRO_ARM if macros else expanded()
     path.write_text(before + text[text.index('<robot') :])
-    assert pfd.load_robot(path) == wanted
+    assert pfd.load_robot(path) == pfd.load_robot(expanded())
 
 
 @pytest.mark.parametrize(
@@ -442,7 +452,7 @@ def installed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize('layout', LAYOUTS)
-def test_a_described_robot_is_the_file_of_its_package_with_its_own_numbers(
+def test_a_described_robot_is_found_in_each_place(
     layout: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     variable, folder = LAYOUTS[layout]
@@ -451,10 +461,16 @@ def test_a_described_robot_is_the_file_of_its_package_with_its_own_numbers(
         monkeypatch.setenv(variable, str(tmp_path))
     else:
         monkeypatch.setattr(sys, 'path', [*sys.path, str(tmp_path)])
-    robot = pfd.load_robot(BENCH + NUMBERS)
+    robot = pfd.load_robot(BENCH)
     assert (robot.name, robot.tip) == ('bench', 'flange')
     assert str(package / 'urdf/bench.urdf.xacro') in robot.source
-    file = pfd.load_robot(package / 'urdf/bench.urdf.xacro', tip='flange', xacro={'length': 0.4})
+
+
+def test_a_described_robot_is_the_file_of_its_package_with_its_own_numbers(
+    installed: Path,
+) -> None:
+    robot, path = pfd.load_robot(BENCH + NUMBERS), installed / 'urdf/bench.urdf.xacro'
+    file = pfd.load_robot(path, tip='flange', xacro={'length': 0.4})
     for key in ('rotations', 'translations', 'masses', 'centers', 'inertias', 'damping'):
         np.testing.assert_array_equal(getattr(robot, key), getattr(file, key))
     assert file.armature.tolist() == [0, 700]

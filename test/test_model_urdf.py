@@ -140,18 +140,17 @@ def test_gravity_belongs_to_the_root_whatever_link_is_the_base(
     np.testing.assert_allclose(written.root_rotation, robot.root_rotation, atol=1e-14)
     for gravity in ((0.0, 0.0, -9.81), (3.0, -2.0, 5.0)):
         whole.gravity.linear = np.array(gravity)
-        scene = pfd.Scene(gravity=gravity)
-        torques, energy = (
-            pfd.compile_kernel(robot, scene=scene, quantity=quantity)
-            for quantity in ('gravity_torques', 'energy')
-        )
+        plant = resolve_plant(robot, pfd.Scene(gravity=gravity))
+        torques, energy = (pfd.QUANTITIES[name](plant) for name in ('gravity_torques', 'energy'))
         potential = []
         for q in rng.uniform(-1.5, 1.5, (2, robot.n)):
             whole_q = positions_in(whole, robot, q, locked)
             wanted = pin.computeGeneralizedGravity(whole, data, whole_q)[at]
-            np.testing.assert_allclose(torques(q), wanted, rtol=0, atol=1e-12)
+            (found,) = run_program(torques, {'q': q}).values()
+            np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12)
             wanted = pin.computePotentialEnergy(whole, data, whole_q)
-            potential.append((energy(q, np.zeros(robot.n))[1], wanted))
+            (found,) = run_program(energy, {'q': q, 'qd': 0 * q}).values()
+            potential.append((found[1], wanted))
         (first, wanted_first), (second, wanted_second) = potential
         assert second - first == pytest.approx(wanted_second - wanted_first, abs=1e-11)
 

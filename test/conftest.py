@@ -16,7 +16,7 @@ from typing import Any
 from hypothesis import HealthCheck, settings
 import pytest
 
-from pfd_core.kernels import native
+from pfd_core.kernels import native, threads
 from pfd_core.kernels.cache import VARIABLE as CACHE_VARIABLE
 from pfd_core.kernels.threads import cores
 
@@ -160,3 +160,13 @@ def emitted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     monkeypatch.setattr('pfd_core.kernels.native.emit', counted)
     return modules
+
+
+@pytest.fixture
+def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Share batches in blocks of single registers, among more threads than cores."""
+    monkeypatch.setattr('pfd_core.kernels.threads.MIN_BLOCK_WORK', 1)
+    monkeypatch.setattr('pfd_core.kernels.threads.SINGLE_THREAD_WORK', 0)
+    monkeypatch.setattr('pfd_core.kernels.threads.cores', lambda: 8)
+    monkeypatch.setattr('pfd_core.kernels.threads._pool', None)
+    threads._new_pool()

@@ -261,15 +261,10 @@ def test_the_cost_that_a_simulation_accumulates_is_that_of_the_linear_model(size
     np.testing.assert_allclose(measured, ((x @ names['P']) * x).sum(1), rtol=CUBIC * size)
 
 
-def loaded(names: dict[str, Any]) -> tuple[Oracle, Oracle]:
-    """Return Pinocchio's answers for the arm of an example with its payload, and without."""
-    plant = resolve_plant(names['robot'], names['scene'])
-    return Oracle(plant.robot, plant.armature), Oracle(names['robot'], plant.armature)
-
-
 def test_quantities_of_the_example_are_pinocchios() -> None:
     names, _ = example('quantities')
-    oracle, _ = loaded(names)
+    plant = resolve_plant(names['robot'], names['scene'])
+    oracle = Oracle(plant.robot, plant.armature)  # with its payload
     model, data, q, qd = oracle.model, oracle.data, names['q'], names['qd']
     assert relative(names['inertia'](q), oracle.H(q)) < DYNAMICS
     assert relative(names['bias'](q, qd), pin.nonLinearEffects(model, data, q, qd)) < DYNAMICS

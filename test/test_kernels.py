@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import copy
-from functools import cache
+from functools import cache, partial
 import gc
 import inspect
 import pickle
@@ -27,31 +27,45 @@ from pfd_core.machine.emulator import run as run_program
 DTYPES = ('float64', 'float32')
 
 
+@pytest.mark.usefixtures('small_blocks')
 @pytest.mark.parametrize('dtype', one_fast(DTYPES))
-def test_batches_of_all_lengths_and_layouts_give_the_bits_of_single_states(dtype: str) -> None:
+def test_batches_of_all_lengths_layouts_and_threads_give_the_bits_of_single_states(
+    dtype: str,
+) -> None:
     rng = np.random.default_rng(62)
     scene = pfd.Scene(external_wrench=True, brakes=True, damping='model', armature='model')
     kernel = pfd.compile_kernel(random_chain(rng, 3), scene=scene, dtype=dtype)
     assert_bits_of_the_emulator(kernel, rng)
     size = 203
     every = [rng.normal(size=(size, k)).astype(dtype) for k in (3, 3, 3, 6)]
-    alone = np.array([kernel(*row) for row in zip(*every, strict=True)])
-    for count in (1, 2, 7, 16, 17, 40, size - 6, size):
+    held = rng.random((size, 3)) < 0.3
+    rows = zip(*every, held, strict=True)
+    alone = np.array([kernel(*row, brakes=brakes) for *row, brakes in rows])
+    for count in (0, 1, 2, 7, 16, 17, 40, size - 6, size):
         some = [np.asfortranarray(x[:count]) for x in every]
         mixed = [some[0], *(np.ascontiguousarray(x) for x in some[1:])]
         strided = [np.repeat(x[:count], 2, axis=0)[::2] for x in every]
         # Rows within wider ones.
         inside = [np.pad(x[:count], ((0, 0), (1, 2)))[:, 1:-2] for x in every]
-        for given in (some, mixed, strided, inside):
-            np.testing.assert_array_equal(kernel(*given), alone[:count])
+        for threads, given in enumerate((some, mixed, strided, inside)):
+            call = partial(kernel, *given, brakes=held[:count], threads=threads)
+            np.testing.assert_array_equal(call(), alone[:count])
             for first in range(1, 18):  # whatever the alignment of the result
                 order = 'FC'[first % 2]
                 out = np.full((count + 18, 5), np.nan, dtype, order=order)
-                kernel(*given, out=out[first : first + count, 1:-1])
+                call(out=out[first : first + count, 1:-1])
                 np.testing.assert_array_equal(out[first : first + count, 1:-1], alone[:count])
                 out[first : first + count, 1:-1] = np.nan
                 assert np.isnan(out).all()
-    np.testing.assert_array_equal(kernel(*(x[::-1] for x in every)), alone[::-1])
+    found = kernel(*(x[::-1] for x in every), brakes=held[::-1], threads=8)
+    np.testing.assert_array_equal(found, alone[::-1])
+    # One row for all states has a stride of zero.
+    q, qd, tau, wrench = every
+    shared = [np.tile(x[2], (size, 1)) for x in (qd, wrench, held)]
+    np.testing.assert_array_equal(
+        kernel(q, qd[2], tau, wrench[2], brakes=held[2], threads=3),
+        kernel(q, shared[0], tau, shared[1], brakes=shared[2]),
+    )
 
 
 @pytest.mark.parametrize('order', ['F', 'C'])

@@ -57,13 +57,9 @@ from pfd_core.paper.networks import wiring as network_wiring
 LANES = (1, 2, 3, 5, 6, 8, 11, 16)
 
 
-def bits(lanes: int) -> int:
-    return math.ceil(math.log2(lanes))
-
-
 def links(network: str, lanes: int) -> set[tuple[int, int]]:
     """Return the links as the literature defines them, written apart from the module."""
-    L = bits(lanes)
+    L = math.ceil(math.log2(lanes))
     N = 2**L
     if network in ('crossbar', 'bus'):
         found = {(i, j) for i in range(lanes) for j in range(lanes)}

@@ -19,7 +19,7 @@ from computing_processes import STATUSES, WAYS, WORK
 import numpy as np
 import pytest
 from sampling import one_fast
-from zoo import random_chain, random_states
+from zoo import random_states
 
 import pfd_core as pfd
 from pfd_core.kernels import threads as pool
@@ -206,51 +206,7 @@ def test_a_simulation_continues_where_it_was_interrupted(script: str, argument: 
 # ---- threads of a batch ----
 
 
-@pytest.fixture
-def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
-    # Blocks of single registers, so that a small batch is shared, and more threads than cores.
-    monkeypatch.setattr('pfd_core.kernels.threads.MIN_BLOCK_WORK', 1)
-    monkeypatch.setattr('pfd_core.kernels.threads.SINGLE_THREAD_WORK', 0)
-    monkeypatch.setattr('pfd_core.kernels.threads.cores', lambda: 8)
-    monkeypatch.setattr('pfd_core.kernels.threads._pool', None)
-    pool._new_pool()
-
-
-in_small_blocks = pytest.mark.usefixtures('_small_blocks')
-
-
-@in_small_blocks
-@pytest.mark.parametrize('dtype', one_fast(['float64', 'float32']))
-@pytest.mark.parametrize('order', ['C', 'F'])
-def test_the_bits_depend_neither_on_the_threads_nor_on_the_size(dtype: str, order: str) -> None:
-    kernel = pfd.compile_kernel(pfd.load_robot('ur5'), dtype=dtype)
-    whole = kernel(*random_states(6, 1000, dtype))
-    for size in (0, 1, 7, 16, 17, 333, 1000):
-        arrays = [np.array(x[:size], order=order) for x in random_states(6, 1000, dtype)]
-        for count in (0, 1, 2, 3, 8):
-            np.testing.assert_array_equal(kernel(*arrays, threads=count), whole[:size])
-
-
-@in_small_blocks
-def test_every_argument_is_split_among_the_threads() -> None:
-    rng = np.random.default_rng(71)
-    scene = pfd.Scene(external_wrench=True, brakes=True)
-    kernel = pfd.compile_kernel(random_chain(rng, 3), scene=scene)
-    q, qd, tau = random_states(3, 200)
-    wrench, brakes = rng.normal(size=(200, 6)), rng.random((200, 3)) < 0.3
-    wanted = kernel(q, qd, tau, wrench, brakes=brakes)
-    found = kernel(q, qd, tau, wrench, brakes=brakes, threads=3)
-    np.testing.assert_array_equal(found, wanted)
-    # One row for all states has a stride of zero.
-    wanted = kernel(q, qd[0], tau, wrench[1], brakes=brakes[2])
-    found = kernel(q, qd[0], tau, wrench[1], brakes=brakes[2], threads=3)
-    np.testing.assert_array_equal(found, wanted)
-    out = np.empty((200, 3), order='F')
-    assert kernel(q[::-1], qd, tau, wrench, brakes=brakes, out=out, threads=2) is out
-    np.testing.assert_array_equal(out, kernel(q[::-1], qd, tau, wrench, brakes=brakes))
-
-
-@in_small_blocks
+@pytest.mark.usefixtures('small_blocks')
 def test_a_number_that_is_not_finite_is_found_in_any_block() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
     for row in (0, 100, 199):
@@ -262,7 +218,7 @@ def test_a_number_that_is_not_finite_is_found_in_any_block() -> None:
             kernel(q, qd, tau, threads=2)
 
 
-@in_small_blocks
+@pytest.mark.usefixtures('small_blocks')
 def test_an_absurd_number_of_threads_is_cut_to_the_cores() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
     arrays = random_states(2, 300)
@@ -270,7 +226,7 @@ def test_an_absurd_number_of_threads_is_cut_to_the_cores() -> None:
     assert pool.thread_count(np.int64(10**8)) == pool.cores()
 
 
-@in_small_blocks
+@pytest.mark.usefixtures('small_blocks')
 def test_workers_have_ended_their_blocks_when_the_caller_is_stopped() -> None:
     caller, working = threading.get_ident(), threading.Semaphore(0)
     begun: list[int] = []
@@ -292,7 +248,7 @@ def test_workers_have_ended_their_blocks_when_the_caller_is_stopped() -> None:
     assert sorted(begun) == sorted(ended)
 
 
-@in_small_blocks
+@pytest.mark.usefixtures('small_blocks')
 @pytest.mark.parametrize('stage', ['ended', 'thread'])
 def test_the_caller_works_alone_where_no_worker_can_be_had(
     stage: str, monkeypatch: pytest.MonkeyPatch
@@ -310,7 +266,7 @@ def test_the_caller_works_alone_where_no_worker_can_be_had(
     np.testing.assert_array_equal(kernel(*arrays, threads=4), kernel(*arrays))
 
 
-@in_small_blocks
+@pytest.mark.usefixtures('small_blocks')
 def test_many_callers_share_the_workers() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
     arrays = random_states(6, 3000)
@@ -321,7 +277,7 @@ def test_many_callers_share_the_workers() -> None:
         np.testing.assert_array_equal(out, expected)
 
 
-@in_small_blocks
+@pytest.mark.usefixtures('small_blocks')
 def test_a_kernel_may_be_deleted_as_soon_as_it_has_answered() -> None:
     # Memory of code that is gone is unmapped.
     robot = pfd.load_robot('planar2')

@@ -87,17 +87,17 @@ GRIPPER = FORK.replace(
     '<axis xyz="0 -1 0"/>', '<axis xyz="0 -1 0"/><mimic joint="left_finger" multiplier="-2"/>'
 )
 ARMS = {
-    'palletiser': (PALLETISER, 'l3', ('turn', 'lift', 'roll'), True),
-    'bars': (BARS, 'flange', ('j1', 'j2', 'j4'), False),
-    'wheels': (WHEELS, 'arm', ('slide', 'swing'), True),
-    'gripper': (GRIPPER, 'left', ('shoulder', 'wrist', 'left_finger'), False),
-    'tip before the follower': (PALLETISER, 'l1', ('turn', 'lift'), False),
+    'palletiser': (PALLETISER, 'l3', ('turn', 'lift', 'roll')),
+    'bars': (BARS, 'flange', ('j1', 'j2', 'j4')),
+    'wheels': (WHEELS, 'arm', ('slide', 'swing')),
+    'gripper': (GRIPPER, 'left', ('shoulder', 'wrist', 'left_finger')),
+    'tip before the follower': (PALLETISER, 'l1', ('turn', 'lift')),
 }
 NAMES = pytest.mark.parametrize('name', ARMS)
 
 
 def loaded(name: str, **choice: object) -> pfd.Robot:
-    text, tip, *_ = ARMS[name]
+    text, tip, _ = ARMS[name]
     locked = {'roll': 0.0} if tip == 'l1' else {}
     return pfd.load_robot(text, tip=tip, **{'locked': locked, **choice})  # type: ignore[arg-type]
 
@@ -177,7 +177,7 @@ def emulated(robot: pfd.Robot, quantity: str) -> Callable[..., Array]:
 
 @NAMES
 def test_every_quantity_is_pinocchios_of_the_whole_file_projected(name: str) -> None:
-    text, tip, joints, _ = ARMS[name]
+    text, tip, joints = ARMS[name]
     robot, rng = loaded(name), np.random.default_rng(4)
     assert robot.joint_names == joints
     whole = Whole(text, robot)
@@ -214,24 +214,6 @@ def test_every_quantity_is_pinocchios_of_the_whole_file_projected(name: str) -> 
         for frame in robot.frames:
             pose = run_program(QUANTITIES['tip_pose'](resolve_plant(robot), frame), {'q': q})
             assert np.abs(pose['pose'] - whole.pose(q, frame)).max() <= DYNAMICS, frame
-
-
-@pytest.mark.parametrize('name', [name for name, row in ARMS.items() if row[3]])
-def test_dynamics_are_those_of_pinocchios_own_mimic_joints(name: str) -> None:
-    robot, rng = loaded(name), np.random.default_rng(5)
-    model = pin.buildModelFromXML(ARMS[name][0], True)
-    assert model.nv == robot.n
-    order = [model.names[k] for k in range(1, model.njoints) if model.joints[k].nv]
-    at = [order.index(joint) for joint in robot.joint_names]
-    for _ in range(20):
-        q, qd, qdd = rng.uniform(-1.5, 1.5, (3, robot.n))
-        # Its inertia matrix adds to the one before.
-        data = model.createData()
-        tau = pin.rnea(model, data, *(x[np.argsort(at)] for x in (q, qd, qdd)))[at]
-        assert relative(pfd.inverse_dynamics(robot, q, qd, qdd), tau) <= DYNAMICS
-        H = np.triu(pin.crba(model, data, q[np.argsort(at)]))
-        H = (H + np.triu(H, 1).T)[np.ix_(at, at)]
-        assert relative(kernel(robot, 'inertia_matrix')(q), H) <= DYNAMICS
 
 
 def random_followers(seed: int) -> tuple[pfd.Robot, pfd.Robot, Array, Array]:

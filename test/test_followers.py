@@ -65,7 +65,16 @@ BARS = urdf(
         *('c', 'revolute', 'bar', 'coupler', '0 0 0.17', '0 0 0', '0 1 0'),
         mimic('joint="b" multiplier="-1" offset="0.2"'),
     ),
-    joint('r', 'revolute', 'coupler', 'rod', '0.07 0 0', '0 0 0', '0 1 0', mimic('joint="j4"')),
+    joint(
+        'r',
+        'revolute',
+        'coupler',
+        'rod',
+        '0.07 0 0',
+        '0 0 0',
+        '0 1 0',
+        mimic('joint="j4" offset="0.1"'),
+    ),
 )
 # A slide that turns a wheel on the base and one on itself, about axes of their own.
 WHEELS = urdf(

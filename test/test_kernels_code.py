@@ -12,6 +12,7 @@ import json
 import os
 from pathlib import Path
 import re
+import shutil
 import subprocess
 import sys
 from typing import Any
@@ -111,18 +112,24 @@ print(json.dumps([[bits, kernel.operations, kernel.ir, str(kernel.program)], *co
 """
 
 
-@pytest.mark.parametrize('damage', DAMAGES)
-def test_an_entry_that_cannot_be_used_is_a_miss(folder: Path, damage: str) -> None:
+def test_an_entry_that_cannot_be_used_is_a_miss(folder: Path) -> None:
     robot = pfd.load_robot('planar2')
     wanted = answers(pfd.compile_kernel(robot))
-    sound = {path: cache.read(path.stem) for path in folder.iterdir()}
+    sound = {path.name: path.read_bytes() for path in folder.iterdir()}
     assert len(sound) == 3  # roundings of two methods, and the code
-    for path in sound:
-        DAMAGES[damage](path)
-    assert sound != {path: cache.read(path.stem) for path in sound}
-    kernel = pfd.compile_kernel(robot)
-    assert answers(kernel) == wanted
-    assert kernel.operations
+    for damage, make in DAMAGES.items():
+        entries = {name: cache.read(Path(name).stem) for name in sound}
+        for name in sound:
+            make(folder / name)
+        assert entries != {name: cache.read(Path(name).stem) for name in sound}, damage
+        kernel = pfd.compile_kernel(robot)
+        assert answers(kernel) == wanted, damage
+        assert kernel.operations
+        shutil.rmtree(folder)
+        folder.mkdir(mode=0o700)
+        for name, content in sound.items():
+            (folder / name).write_bytes(content)
+            (folder / name).chmod(0o600)
 
 
 @pytest.mark.parametrize('unsafe', ['mode', 'owner'])

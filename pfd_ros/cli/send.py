@@ -73,18 +73,24 @@ def _run(given: argparse.Namespace) -> int:
         # Discovery of the publisher takes longer than of the subscriber.
         _first(publisher.get_subscription_count, deadline + 1.0)
         refused: dict[str, str] = {}
-        answers = {name: f'{name}/{REJECTED}' for name in _first(names, time.monotonic() + 1.0)}
-        known = dict(node.get_topic_names_and_types())
+        nodes = _first(names, time.monotonic() + 1.0)
+
+        def arms() -> list[str]:
+            known = dict(node.get_topic_names_and_types())
+            return [name for name in nodes if f'{name}/{REJECTED}' in known]
+
+        found_arms = _first(arms, time.monotonic() + 1.0)
         listening = [
-            node.create_subscription(String, answer, partial(_refused, refused, name), DEPTH)
-            for name, answer in answers.items()
-            if answer in known
+            node.create_subscription(
+                String, f'{name}/{REJECTED}', partial(_refused, refused, name), DEPTH
+            )
+            for name in found_arms
         ]
         if found == [JOINT_STATE] and not topic.endswith(str(ROLES[SET_STATE].topic)[1:]):
-            arms = [name for name, answer in answers.items() if answer in known]
-            joints = [joint for name in arms for joint in _joints(node, name)]
+            patience = max(given.patience, 1.0)
+            joints = [joint for name in found_arms for joint in _joints(node, name, patience)]
             strange = [name for name in message.name if name not in joints]
-            if joints and strange:
+            if found_arms and strange:
                 raise ValueError(
                     f'nothing sent to {topic}: no moving joints of an arm are {listed(strange)}; '
                     f'known are {listed(joints)}'
@@ -103,18 +109,21 @@ def _run(given: argparse.Namespace) -> int:
     return 0
 
 
-def _joints(node: Any, arm: str) -> list[str]:
-    """Return the moving joints of an arm, which have a parameter each; [] without an answer."""
+def _joints(node: Any, arm: str, patience: float) -> list[str]:
+    """Return the moving joints of an arm, which have a parameter each.
+
+    ValueError without an answer within `patience` s.
+    """
     from rcl_interfaces.srv import ListParameters
     import rclpy
 
     client = node.create_client(ListParameters, f'{arm}/list_parameters')
-    if not client.wait_for_service(ANSWER_SECONDS):
-        return []
+    client.wait_for_service(patience)
     answer = client.call_async(ListParameters.Request(prefixes=['damping']))
-    rclpy.spin_until_future_complete(node, answer, timeout_sec=ANSWER_SECONDS)
-    names = answer.result().result.names if answer.done() else []
-    return [joint for name in names if (joint := name.partition('.')[2])]
+    rclpy.spin_until_future_complete(node, answer, timeout_sec=patience)
+    if not answer.done():
+        raise ValueError(f'nothing sent: {arm} does not name its joints within {patience:g} s')
+    return [x for name in answer.result().result.names if (x := name.partition('.')[2])]
 
 
 def _refused(refused: dict[str, str], name: str, message: Any) -> None:

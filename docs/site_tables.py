@@ -205,15 +205,14 @@ def _effects() -> str:
     rows = [
         (
             cell(effect.name),
-            code(field.name),
-            cell(field.text),
-            cell(field.unit),
-            cell(field.sliding_unit),
+            code(effect.field),
+            cell(effect.text),
+            cell(effect.unit),
+            cell(effect.sliding_unit),
             cell(effect.acts),
-            'yes' if field.model else '',
+            'yes' if effect.model else '',
         )
         for effect in pfd.EFFECTS
-        for field in effect.fields
     ]
     head = (
         'effect',

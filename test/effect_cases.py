@@ -22,23 +22,23 @@ OTHERS: dict[str, Any] = {
 }
 
 
-def example(field: effects.Field, n: int, seed: int = 1) -> Any:
-    """Return a value of a field for n joints; every number differs from the others."""
-    if field.name == 'torque_speed':
+def example(effect: effects.Effect, n: int, seed: int = 1) -> Any:
+    """Return a value of an effect for n joints; every number differs from the others."""
+    if effect.field == 'torque_speed':
         return [[(0.2 + 0.1 * i, 6.0 + i), (4.0 + i, 1.0)] for i in range(n)]
-    if field.kind != 'per joint':
-        return OTHERS[field.name]
-    rng = np.random.default_rng([seed, *field.name.encode()])
-    columns = len(field.columns) or 1
+    if effect.kind != 'per joint':
+        return OTHERS[effect.field]
+    rng = np.random.default_rng([seed, *effect.field.encode()])
+    columns = len(effect.columns) or 1
     numbers = 0.5 + rng.uniform(0.0, 1.0, (n, columns))
-    if field.least < 0:
+    if effect.least < 0:
         # Limits between which a joint lies, or positions of either sign.
         numbers[:, 0] = -numbers[:, 0]
-    if field.name == 'static_friction':
+    if effect.field == 'static_friction':
         numbers += 1.5
-    if field.most == 1:
+    if effect.most == 1:
         numbers *= 0.1  # shares
-    return numbers if field.columns else numbers[:, 0]
+    return numbers if effect.columns else numbers[:, 0]
 
 
 def scene_with(*names: str, n: int, **others: Any) -> pfd.Scene:
@@ -52,4 +52,4 @@ def scene_with(*names: str, n: int, **others: Any) -> pfd.Scene:
 
 def everything(n: int) -> pfd.Scene:
     """Return a scene of n joints with every effect of the table."""
-    return scene_with(*(field.name for effect in pfd.EFFECTS for field in effect.fields), n=n)
+    return scene_with(*(effect.field for effect in pfd.EFFECTS), n=n)

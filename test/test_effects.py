@@ -44,7 +44,8 @@ H = 2e-3
 # Where iterative methods stop in float64, relative to qdd.
 ITERATED = 1e-9
 
-INSTANT = {effect.name: effect for effect in pfd.EFFECTS if effect.acts != STEP_VALUES}
+# Effects at an instant, each with what refines it, and over a step.
+INSTANT = {x.name: x for x in pfd.EFFECTS if x.acts != STEP_VALUES and not x.needs}
 OVER_A_STEP = {effect.name: effect for effect in pfd.EFFECTS if effect.acts == STEP_VALUES}
 KINDS = ('revolute', 'prismatic', 'continuous')
 N = len(KINDS)
@@ -79,7 +80,7 @@ def scene_of(name: str) -> pfd.Scene:
     others = (
         {'gravity': example(EFFECT_FIELDS['gravity'], N)} if name in ('gravity', 'payload') else {}
     )
-    return scene_with(*(field.name for field in INSTANT[name].fields), n=N, **others)
+    return scene_with(*INSTANT[name].fields, n=N, **others)
 
 
 # ---- reference -------------------------------------------------------------------------------
@@ -93,10 +94,10 @@ def of_record(effect: Effect, scene: pfd.Scene, at: dict[str, Array], energy: bo
         recorder = Recorder(1, 'sequential')
         q, qd, qdd = (recorder.input(key, [0]) for key in ('q', 'qd', 'qdd'))
         constants = {}
-        for field in effect.fields:
-            entry = numbers[field.name][i]
+        for key in effect.fields:
+            entry = numbers[key][i]
             rows = tuple(recorder.constant(x) for x in np.atleast_1d(entry))
-            constants[field.name] = rows if np.ndim(entry) else rows[0]
+            constants[key] = rows if np.ndim(entry) else rows[0]
         c: Any = SimpleNamespace(**constants)
         value = recorder.constant(0.0)
         first = constants[effect.field]

@@ -72,9 +72,9 @@ def differences(
 
 # A brake on a moving joint is an impact: it has a test of its own.
 EFFECTS = {
-    effect.name: [field.name for field in effect.fields]
+    effect.name: effect.fields
     for effect in pfd.EFFECTS
-    if effect.acts != STEP_VALUES and effect.name != 'brakes'
+    if effect.acts != STEP_VALUES and effect.name != 'brakes' and not effect.needs
 }
 
 

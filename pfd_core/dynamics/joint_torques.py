@@ -32,7 +32,7 @@ from pfd_core.dynamics.interface import input_list, input_row, program_with_outp
 from pfd_core.dynamics.numbers import Numbers
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.model.effects import EFFECTS, Effect
+from pfd_core.model.effects import EFFECTS, FIELDS, Effect
 from pfd_core.model.plant import Plant
 
 
@@ -112,12 +112,12 @@ def _constants(effect: Effect, plant: Plant, like: Sequence[Lanes]) -> Iterator[
     numbers = Numbers(like[0].recorder, plant)
     for joints in _joints(plant, like):
         c: dict[str, Any] = {}
-        for k, field in enumerate(effect.fields):
-            given, columns = plant.effects.get(field.name), range(len(field.columns))
-            if given is None or (k and not given[joints].any()):
-                c[field.name] = None
+        for key in effect.fields:
+            given, columns = plant.effects.get(key), range(len(FIELDS[key].columns))
+            if given is None or (key != effect.field and not given[joints].any()):
+                c[key] = None
             elif columns:
-                c[field.name] = tuple(numbers(field.name, joints, column) for column in columns)
+                c[key] = tuple(numbers(key, joints, column) for column in columns)
             else:
-                c[field.name] = numbers(field.name, joints)
+                c[key] = numbers(key, joints)
         yield SimpleNamespace(**c)

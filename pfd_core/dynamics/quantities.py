@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 def _fields(depends: Callable[[Effect], bool]) -> tuple[str, ...]:
     """Return the fields of Scene of the effects that a quantity depends on."""
-    return tuple(field.name for effect in EFFECTS if depends(effect) for field in effect.fields)
+    return tuple(effect.field for effect in EFFECTS if depends(effect))
 
 
 EVERYTHING = _fields(lambda effect: True)

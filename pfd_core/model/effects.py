@@ -1,12 +1,12 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The table of effects: one record for each effect of a scene (EFFECTS), which holds its fields.
+The table of effects (EFFECTS): one record for each effect of a scene, or what refines one.
 
-An effect holds the physics, a field what users may give: units, checks, numbers for a robot.
-Methods, quantities, derivatives, energy, the choice of an integrator, YAML, the parameters of the
-node, reports and docs/reference/effects.md are derived from the records. A new effect of a joint
-is a record here and a field of Scene. One on motors also needs its torque in
+A record holds a field of Scene, what users may give, with units, checks and numbers for a robot,
+and the physics. Methods, quantities, derivatives, energy, the choice of an integrator, YAML, the
+parameters of the node, reports and docs/reference/effects.md are derived from the records. A new
+effect of a joint is a record here and a field of Scene. One on motors also needs its torque in
 pfd_core.dynamics.drives, and one that acts over a step (STEP) its law in pfd_core.simulation: dry
 friction and stops in dry, the lag of motors in stages. A torque that depends on the torque of the
 motor is of the latter kind: `torque` is a function of q and qd only.
@@ -73,11 +73,13 @@ class ByJoint(tuple[tuple[str, Any], ...]):
 
 
 @dataclass(frozen=True)
-class Field:
-    """A field of Scene, and of the parameters of the node."""
+class Effect:
+    """An effect of a scene, or what refines one: a field of Scene, and a parameter of the node."""
 
-    name: str
-    text: str  # what it holds, in a few words
+    name: str  # in tables and on pages
+    acts: str  # LINKS, JOINTS, MOTORS, BRAKES or STEP
+    field: str  # of Scene and of the parameters of the node
+    text: str  # what the field holds, in a few words
     # Units for joints that turn and that slide, '' without one; of columns separated by commas.
     unit: str = ''
     sliding_unit: str = ''
@@ -89,10 +91,40 @@ class Field:
     above: bool = False  # whether the least number is excluded
     infinite: bool = False  # whether infinity is allowed, for a joint without a limit
     off: Any = None  # the value without the effect
-    needs: str = ''  # field without which it means nothing
+    needs: str = ''  # field without which it means nothing: it refines that effect
     # Number or row of a joint that values by joint leave out; NaN if the effect completes it.
     left_out: Any = 0.0
     most: float = 1e6  # largest number that a parameter of the node may have
+
+    at_rest: bool = False  # whether it exerts a torque at zero velocity, as a function of q
+    # Whether the inertia matrix depends on it. On the joints its number multiplies qdd then.
+    inertia: bool = False
+    viscosity: bool = False  # whether its number multiplies qd; integrators may take it implicitly
+    # (c, q, qd) -> the resisting torque [N m or N]; (c, q) -> the energy that it stores [J], if it
+    # is conservative.
+    torque: Callable[[Any, Any, Any], Any] | None = None
+    potential: Callable[[Any, Any], Any] | None = None
+    # From a robot and the numbers of all fields, which may differ among arms, to the numbers of
+    # this effect and of those that refine it; {} if it is off. By default it is off where its
+    # numbers are all zero, or infinite if infinity means no limit.
+    completed: Callable[[Robot, FieldNumbers], FieldNumbers] | None = None
+
+    @property
+    def part(self) -> str:
+        """Where it acts, or INERTIA or VISCOSITY for such an effect of the joints."""
+        if self.acts == JOINTS and self.inertia:
+            return INERTIA
+        return VISCOSITY if self.viscosity else self.acts
+
+    @property
+    def of_joints(self) -> bool:
+        """Whether it acts on the joint side of the motors, at an instant or over a step."""
+        return self.acts in (JOINTS, STEP)
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Its field, and those that refine it."""
+        return (self.field, *(key for key, other in FIELDS.items() if other.needs == self.field))
 
     @property
     def has_numbers(self) -> bool:
@@ -129,12 +161,12 @@ class Field:
         if isinstance(value, str) and value in self._words:
             return value
         if self.kind == SWITCH:
-            return switch(self.name, value)
+            return switch(self.field, value)
         if self.kind == VECTOR:
-            return self._numbers(self.name, value, (3,))
+            return self._numbers(self.field, value, (3,))
         if self.kind == PAYLOAD and not isinstance(value, Payload):
             raise ValueError(
-                f'{self.name} must be a Payload, {INPUT!r} or None, got {quote(value)}'
+                f'{self.field} must be a Payload, {INPUT!r} or None, got {quote(value)}'
             )
         if not self.has_numbers:
             return value
@@ -142,20 +174,20 @@ class Field:
             given = dict(value)
             if not all(isinstance(joint, str) for joint in given):
                 raise ValueError(
-                    f'{self.name} must have names of joints as keys, got {quote(value)}'
+                    f'{self.field} must have names of joints as keys, got {quote(value)}'
                 )
             pairs = ((j, self._of_joint(f'joint {quote(j)}', given[j])) for j in sorted(given))
             return ByJoint(pairs) or self.off
         if _is_list(value):
             if self.kind == TABLES:
                 return tuple(self._of_joint(f'joint {i}', x) for i, x in enumerate(value, 1))
-            return self._numbers(self.name, value, ('n', *self._row))
+            return self._numbers(self.field, value, ('n', *self._row))
         if self.kind == SHARE:
-            return self._numbers(self.name, value, ())
+            return self._numbers(self.field, value, ())
         row = f'one row ({", ".join(self.columns)})' if self.columns else 'one number'
         row = 'one table with rows (speed, torque)' if self.kind == TABLES else row
         words = ', '.join(map(repr, (self.off, *self._words)))
-        raise ValueError(f'{self.name} must be {words} or {row} per joint, got {quote(value)}')
+        raise ValueError(f'{self.field} must be {words} or {row} per joint, got {quote(value)}')
 
     @property
     def _row(self) -> tuple[int, ...]:
@@ -163,7 +195,7 @@ class Field:
 
     def _of_joint(self, joint: str, value: Any) -> Any:
         """Return the number, row or table of one joint; the speeds of a table rise."""
-        label = f'{self.name} of {joint}'
+        label = f'{self.field} of {joint}'
         if self.columns and not (_is_list(value) and len(value) == len(self.columns)):
             raise ValueError(f'{label} must be ({", ".join(self.columns)}), got {quote(value)}')
         if self.kind != TABLES:
@@ -208,7 +240,7 @@ class Field:
         if len(value) != robot.n:
             rows = 'tables' if self.kind == TABLES else 'rows' if self.columns else 'numbers'
             raise ValueError(
-                f'{self.name} of the scene has {len(value)} {rows}, but {quote(robot.name)} has '
+                f'{self.field} of the scene has {len(value)} {rows}, but {quote(robot.name)} has '
                 f'{robot.n} joints: {quote_all(robot.joint_names)}'
             )
         return _table_rows(value) if self.kind == TABLES else np.asarray(value, dtype=np.float64)
@@ -224,12 +256,12 @@ class Field:
         # One end may be all that a joint is limited by; a motor has a torque and a speed, or none.
         enough = 1 if self.kind == TABLES else len(keys)
         found = [j for j in robot.joint_names if len(keys & unstated(robot, j)) >= enough]
-        return found if self.name != 'joint_limits' else _without_continuous(robot, found)
+        return found if self.field != 'joint_limits' else _without_continuous(robot, found)
 
     def _check_stated(self, robot: Robot) -> None:
         """Raise ValueError if the model states nothing; warn if it does for some joints only."""
         silent = self.unstated(robot)
-        label = f'{self.name} is {MODEL!r}, but the model of {quote(robot.name)} states none for'
+        label = f'{self.field} is {MODEL!r}, but the model of {quote(robot.name)} states none for'
         if len(silent) == robot.n:
             raise ValueError(
                 f'{label} any joint: give values by joint, {self._by_joint(silent[:1])}'
@@ -248,13 +280,13 @@ class Field:
     def _by_joint(self, joints: list[str]) -> str:
         """Return how values of some joints are given, in Python and in files and parameters."""
         pairs = ', '.join(f'{quote(joint)}: ...' for joint in joints)
-        keys = ', '.join(f'{self.name}.{quote(joint)[1:-1]}' for joint in joints)
-        found = f'{self.name}={{{pairs}}} or {keys}'
+        keys = ', '.join(f'{self.field}.{quote(joint)[1:-1]}' for joint in joints)
+        found = f'{self.field}={{{pairs}}} or {keys}'
         return f'{found}, or {ESTIMATED!r}' if self.estimated else found
 
     def _of_all_joints(self, robot: Robot, given: Mapping[str, Any]) -> list[Any]:
         """Return values by joint as a list, with `left_out` for all other joints."""
-        label = f'{self.name} of the scene'
+        label = f'{self.field} of the scene'
         for joint in given:
             if joint not in robot.joint_names:
                 raise ValueError(
@@ -265,6 +297,19 @@ class Field:
             missing = [joint for joint in robot.joint_names if joint not in given]
             raise ValueError(f'{label} must have a value for each joint, not {quote_all(missing)}')
         return [given.get(joint, self.left_out) for joint in robot.joint_names]
+
+    def numbers(self, robot: Robot, values: FieldNumbers) -> FieldNumbers:
+        """Return the numbers of the effect by field, from those of a scene; {} if it is off."""
+        if not self.has_numbers or self.needs:
+            return {}
+        if self.completed is not None:
+            return self.completed(robot, values)
+        found = values[self.field]
+        # A table of zeros is a limit, too.
+        limits = self.infinite or self.kind == TABLES
+        if found is None or not (np.isfinite(found) if limits else found).any():
+            return {}
+        return {key: values[key] for key in self.fields}
 
 
 def _is_list(value: Any) -> bool:
@@ -304,63 +349,6 @@ def _model_tables(robot: Robot) -> list[list[tuple[float, float]] | None]:
         [(speed, torque), (NO_EFFORT * speed, 0.0)] if math.isfinite(max(speed, torque)) else None
         for speed, torque in pairs
     ]
-
-
-@dataclass(frozen=True)
-class Effect:
-    """One effect of a scene."""
-
-    name: str  # in tables and on pages
-    acts: str  # LINKS, JOINTS, MOTORS, BRAKES or STEP
-    first: Field  # the field of Scene that switches it on
-    more: tuple[Field, ...] = ()  # fields that refine it
-    at_rest: bool = False  # whether it exerts a torque at zero velocity, as a function of q
-    # Whether the inertia matrix depends on it. On the joints its number multiplies qdd then.
-    inertia: bool = False
-    viscosity: bool = False  # whether its number multiplies qd; integrators may take it implicitly
-    # (c, q, qd) -> the resisting torque [N m or N]; (c, q) -> the energy that it stores [J], if it
-    # is conservative.
-    torque: Callable[[Any, Any, Any], Any] | None = None
-    potential: Callable[[Any, Any], Any] | None = None
-    # From a robot and the numbers of all fields, which may differ among arms, to the numbers of
-    # this effect and of effects that need it; {} if it is off. By default it is off where the
-    # numbers of its first field are all zero, or infinite if infinity means no limit.
-    completed: Callable[[Robot, FieldNumbers], FieldNumbers] | None = None
-
-    @property
-    def field(self) -> str:
-        """Name of the field of Scene that switches it on."""
-        return self.first.name
-
-    @property
-    def fields(self) -> tuple[Field, ...]:
-        """All its fields in Scene."""
-        return (self.first, *self.more)
-
-    @property
-    def kind(self) -> str:
-        """Where it acts, or INERTIA or VISCOSITY for such an effect of the joints."""
-        if self.acts == JOINTS and self.inertia:
-            return INERTIA
-        return VISCOSITY if self.viscosity else self.acts
-
-    @property
-    def of_joints(self) -> bool:
-        """Whether it acts on the joint side of the motors, at an instant or over a step."""
-        return self.acts in (JOINTS, STEP)
-
-    def numbers(self, robot: Robot, values: FieldNumbers) -> FieldNumbers:
-        """Return the numbers of the effect by field, from those of a scene; {} if it is off."""
-        if not self.first.has_numbers or self.first.needs:
-            return {}
-        if self.completed is not None:
-            return self.completed(robot, values)
-        found = values[self.field]
-        # A table of zeros is a limit, too.
-        limits = self.first.infinite or self.first.kind == TABLES
-        if found is None or not (np.isfinite(found) if limits else found).any():
-            return {}
-        return {field.name: values[field.name] for field in self.fields}
 
 
 # Numbers of the effects for a robot.
@@ -447,72 +435,66 @@ def _cogging_energy(c: Any, q: Any) -> Any:
     return -amplitude / periods * load('machine.lanes.cos')(periods * q + phase)
 
 
-def _effect(name: str, acts: str, *field: Any, **given: Any) -> Effect:
-    """Return an effect and its first field, by the arguments of Field and of Effect."""
-    own = {key: given.pop(key) for key in Effect.__dataclass_fields__.keys() & given.keys()}
-    return Effect(name, acts, Field(*field, **given), **own)
-
-
 EFFECTS: tuple[Effect, ...] = (
-    _effect(
+    Effect(
         *('gravity', LINKS, 'gravity', 'Acceleration of free fall, root frame', 'm/s^2'),
         kind=VECTOR,
         least=-math.inf,
         at_rest=True,
     ),
-    _effect(
+    Effect(
         *('damping', JOINTS, 'damping', 'Viscous damping of the joint', 'N m s/rad', 'N s/m'),
         model=('damping',),
         viscosity=True,
     ),
-    _effect(
+    Effect(
         *('armature', JOINTS, 'armature'),
         *('Rotor inertia of the joint times the square of its gear ratio', 'kg m^2', 'kg'),
         model=('armature',),
         estimated=True,
         inertia=True,
     ),
-    _effect(
+    Effect(
         *('payload', LINKS, 'payload', 'A body held by the last link'),
         kind=PAYLOAD,
         at_rest=True,
         inertia=True,
     ),
-    _effect(
+    Effect(
         *('external wrench', LINKS, 'external_wrench', 'Wrench on the last link as an input'),
         kind=SWITCH,
         off=False,
     ),
-    _effect(
+    Effect(
         *('brakes', BRAKES, 'brakes', 'Joints that can be braked at run time'),
         kind=SWITCH,
         off=False,
     ),
-    _effect(
+    Effect(
         *('friction', STEP, 'friction', 'Coulomb friction of the joint', 'N m', 'N'),
         model=('friction',),
         completed=_friction,
     ),
-    _effect(
+    Effect(
         *('static friction', STEP, 'static_friction'),
         'Friction that a resting joint can hold, at least and by default its Coulomb friction',
         *('N m', 'N'),
         left_out=math.nan,
         needs='friction',
     ),
-    _effect(
+    Effect(
         *('Stribeck velocity', STEP, 'stribeck_velocity'),
         'Velocity at which static friction has fallen half-way to Coulomb friction',
         *('rad/s', 'm/s'),
         above=True,
         needs='static_friction',
     ),
-    _effect(
+    Effect(
         *('load friction', STEP, 'load_friction'),
         *('Share of the torque of the motor that friction takes, as in gears', '1'),
         most=1.0,
     ),
-    _effect(
+    Effect(
         *('joint stops', STEP, 'joint_limits'),
         *('Stops at the position limits of the joint', 'rad', 'm'),
         model=('position_lower', 'position_upper'),
@@ -522,7 +504,7 @@ EFFECTS: tuple[Effect, ...] = (
         left_out=(-math.inf, math.inf),
         completed=_stops,
     ),
-    _effect(
+    Effect(
         *('restitution', STEP, 'restitution'),
         'Share of its velocity that a joint keeps when it bounces off its stop',
         kind=SHARE,
@@ -530,22 +512,21 @@ EFFECTS: tuple[Effect, ...] = (
         most=1.0,
         needs='joint_limits',
     ),
-    _effect(
+    Effect(
         *('springs', JOINTS, 'stiffness', 'Stiffness of the spring of the joint'),
         *('N m/rad', 'N/m'),
-        more=(
-            Field(
-                *('rest_position', 'Position at which the spring of the joint is slack'),
-                *('rad', 'm'),
-                least=-math.inf,
-                needs='stiffness',
-            ),
-        ),
         at_rest=True,
         torque=_spring_torque,
         potential=_spring_energy,
     ),
-    _effect(
+    Effect(
+        *('rest position', JOINTS, 'rest_position'),
+        *('Position at which the spring of the joint is slack', 'rad', 'm'),
+        least=-math.inf,
+        needs='stiffness',
+        at_rest=True,
+    ),
+    Effect(
         *(
             'cogging',
             JOINTS,
@@ -561,33 +542,31 @@ EFFECTS: tuple[Effect, ...] = (
         potential=_cogging_energy,
         completed=_cogging,
     ),
-    _effect(
+    Effect(
         *('effort limits', MOTORS, 'effort_limits', 'Largest torque of the motor', 'N m', 'N'),
         model=('effort_limit',),
         infinite=True,
         left_out=math.inf,
     ),
-    _effect(
+    Effect(
         *('torque-speed tables', MOTORS, 'torque_speed'),
         *('Largest driving torque of the motor by speed', 'rad/s, N m', 'm/s, N'),
         kind=TABLES,
         model=('velocity_limit', 'effort_limit'),
         left_out=None,
     ),
-    _effect(
+    Effect(
         *('gravity compensation', MOTORS, 'gravity_compensation'),
         'Gravity torques of a model that the drives add',
         kind=COMPENSATION,
         off=False,
         at_rest=True,
     ),
-    _effect(
+    Effect(
         *('motor lag', STEP, 'motor_lag'),
         'Time constant with which the motor of the joint follows its effort',
         *('s', 's'),
         most=10.0,
     ),
 )
-# Field of Scene -> its record, and the effect.
-FIELDS: Mapping[str, Field] = {field.name: field for effect in EFFECTS for field in effect.fields}
-EFFECT_OF: Mapping[str, Effect] = {f.name: effect for effect in EFFECTS for f in effect.fields}
+FIELDS: Mapping[str, Effect] = {effect.field: effect for effect in EFFECTS}

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_core.model.effects import (
-    EFFECT_OF,
     EFFECTS,
     FIELDS,
     INERTIA,
@@ -124,7 +123,7 @@ class Plant(FrozenArrays):
         return None if velocity is None else 1.0 / velocity
 
     def _sum(self, kind: str) -> Array | None:
-        found = [array for name, array in self.effects.items() if EFFECT_OF[name].kind == kind]
+        found = [array for name, array in self.effects.items() if FIELDS[name].part == kind]
         return sum(found[1:], found[0]) if found else None
 
     def only(self, *kinds: str) -> Plant:
@@ -134,7 +133,7 @@ class Plant(FrozenArrays):
         LINKS is gravity; MOTORS includes gravity compensation. The inputs stay: a wrench, brakes
         and parameters.
         """
-        kept = {name: x for name, x in self.effects.items() if EFFECT_OF[name].kind in kinds}
+        kept = {name: x for name, x in self.effects.items() if FIELDS[name].part in kinds}
         off: dict[str, Any] = {}
         if LINKS not in kinds:
             off['gravity'] = np.zeros(3)
@@ -209,12 +208,12 @@ def has_drives(plant: Plant) -> bool:
 
 
 def _limits_motors(plant: Plant) -> bool:
-    return any(EFFECT_OF[name].acts == MOTORS for name in plant.effects)
+    return any(FIELDS[name].acts == MOTORS for name in plant.effects)
 
 
 def check_instant(plant: Plant) -> None:
     """Raise ValueError for effects that act over a step of time, not at an instant."""
-    over = [key for key in FIELDS if key in plant.effects and EFFECT_OF[key].acts == STEP]
+    over = [key for key in FIELDS if key in plant.effects and FIELDS[key].acts == STEP]
     if over:
         raise ValueError(
             f'{quote_all(over)} of the scene act over a step of time, not at an instant: '

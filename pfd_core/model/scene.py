@@ -159,9 +159,8 @@ class Scene:
         off: dict[str, Any] = {}
         # A field comes after the field that it needs.
         for effect in EFFECTS:
-            for field in effect.fields:
-                if effect.name in names or field.needs in off:
-                    off[field.name] = field.off
+            if effect.name in names or effect.needs in off:
+                off[effect.field] = effect.off
         return replace(self, **off)
 
     def save(self, path: str | PathLike[str]) -> None:

@@ -73,9 +73,8 @@ def full_scene(
     """
     refused = {}
     for effect in pfd.EFFECTS:
-        field = effect.fields[0]
-        stated = field.from_model and len(field.unstated(robot)) < robot.n
-        if stated and getattr(scene, effect.field) == field.off:
+        stated = effect.from_model and len(effect.unstated(robot)) < robot.n
+        if stated and getattr(scene, effect.field) == effect.off:
             more: dict[str, Any] = {effect.field: 'model'}
             try:
                 larger = replace(scene, **more)

@@ -41,9 +41,10 @@ FEWEST_COMMANDS = 10
 
 def stated(robot: pfd.Robot) -> dict[str, bool]:
     """Return for each effect that a model may have numbers for whether it has, zeros apart."""
-    fields = [field for effect in pfd.EFFECTS for field in effect.fields if field.from_model]
     return {
-        f.name: len(f.unstated(robot)) < robot.n and bool(f.of_model(robot).any()) for f in fields
+        x.field: len(x.unstated(robot)) < robot.n and bool(x.of_model(robot).any())
+        for x in pfd.EFFECTS
+        if x.from_model
     }
 
 
@@ -126,8 +127,8 @@ def speeding(
 
 def _acts(robot: pfd.Robot, scene: pfd.Scene, name: str, joint: int) -> bool:
     """Return whether an effect of a scene acts on a joint."""
-    (field,) = (x for effect in pfd.EFFECTS for x in effect.fields if x.name == name)
-    acting = field.resolved(robot, getattr(scene, name))
+    (effect,) = (x for x in pfd.EFFECTS if x.field == name)
+    acting = effect.resolved(robot, getattr(scene, name))
     return acting is not None and bool(np.any(acting[joint]))
 
 

@@ -21,7 +21,7 @@ from pfd_ros.arm.conventions import PLAIN
 from pfd_ros.arm.events import OPTIONAL, ROLES
 from pfd_ros.arm.plant_settings import (
     COMPILED,
-    EFFECT_FIELDS,
+    JOINT_EFFECTS,
     PAYLOAD,
     SCALES,
     given_effects,
@@ -47,7 +47,7 @@ COMPENSATED = {
     'friction': 'coulomb_scale',
     'static_friction': 'coulomb_scale',
 }
-_FIELDS = {field.name: field for field in EFFECT_FIELDS}
+_FIELDS = {effect.field: effect for effect in JOINT_EFFECTS}
 
 
 class Plant(NamedTuple):

@@ -24,8 +24,8 @@ MODEL, ESTIMATED = 'model', 'estimated'
 # Kind of a field with one number, or one row of numbers, a joint.
 PER_JOINT = 'per joint'
 T = TypeVar('T')
-# The fields of the effects of the joints, `pfd_core.model.effects.Field`.
-EFFECT_FIELDS = tuple(x for effect in pfd.EFFECTS if effect.of_joints for x in effect.fields)
+# The effects of the joints, `pfd_core.model.effects.Effect`.
+JOINT_EFFECTS = tuple(effect for effect in pfd.EFFECTS if effect.of_joints)
 # Setting -> the setting whose numbers it has where it has none of its own.
 DEFAULTS = {'static_friction': 'joint_friction'}
 # Fields that other values need other native code for.
@@ -47,40 +47,40 @@ def payload_from(numbers: Sequence[float]) -> pfd.Payload:
     return pfd.Payload(mass, (x, y, z), ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
 
 
-def joint_settings(field: Any) -> dict[str, str]:
-    """Return the settings with a number for each joint of a field: name -> name of parameters.
+def joint_settings(effect: Any) -> dict[str, str]:
+    """Return the settings with a number for each joint of an effect: name -> name of parameters.
 
-    A field with columns has one setting for each; limits, which may be infinite, have none.
+    An effect with columns has one setting for each; limits, which may be infinite, have none.
     """
-    if field.kind != PER_JOINT or field.infinite:
+    if effect.kind != PER_JOINT or effect.infinite:
         return {}
-    name = f'joint_{field.name}' if field.model else field.name
-    if not field.columns:
-        return {name: field.name}
-    return {f'{name}_{column}': f'{field.name}.{column}' for column in field.columns}
+    name = f'joint_{effect.field}' if effect.model else effect.field
+    if not effect.columns:
+        return {name: effect.field}
+    return {f'{name}_{column}': f'{effect.field}.{column}' for column in effect.columns}
 
 
 def _effect_settings() -> Iterator[tuple[str, str, Any]]:
     """Yield name, annotation and field of each setting of the effects of the joints."""
-    for field in EFFECT_FIELDS:
-        if field.kind != PER_JOINT:
-            yield field.name, 'float', setting(field.off, field.text, 0.0, field.most)
+    for effect in JOINT_EFFECTS:
+        if effect.kind != PER_JOINT:
+            yield effect.field, 'float', setting(effect.off, effect.text, 0.0, effect.most)
             continue
-        if field.estimated:
+        if effect.estimated:
             text = '; estimated: from effort and velocity limits where it states none'
-            text, values = f'{field.text}, as the model states it{text}', (False, True, ESTIMATED)
-            yield field.name, 'bool | str', setting(False, text, values=values)
-        elif field.model:
-            yield field.name, 'bool', setting(False, f'{field.text}, as the model states it')
-        default = partial(_of_model, field) if field.model else None
-        for k, (name, parameter) in enumerate(joint_settings(field).items()):
-            column = parameter.removeprefix(f'{field.name}.')
-            text = field.text if column == parameter else f'{field.text}: {column}'
+            text, values = f'{effect.text}, as the model states it{text}', (False, True, ESTIMATED)
+            yield effect.field, 'bool | str', setting(False, text, values=values)
+        elif effect.model:
+            yield effect.field, 'bool', setting(False, f'{effect.text}, as the model states it')
+        default = partial(_of_model, effect) if effect.model else None
+        for k, (name, parameter) in enumerate(joint_settings(effect).items()):
+            column = parameter.removeprefix(f'{effect.field}.')
+            text = effect.text if column == parameter else f'{effect.text}: {column}'
             numbers = setting(
                 (),
-                f'{text}, {field.units(k)}',
-                max(field.least, -field.most),
-                field.most,
+                f'{text}, {effect.units(k)}',
+                max(effect.least, -effect.most),
+                effect.most,
                 name=parameter,
                 per_joint=True,
                 joint_default=default or DEFAULTS.get(name),
@@ -88,11 +88,11 @@ def _effect_settings() -> Iterator[tuple[str, str, Any]]:
             yield name, 'tuple[float, ...]', numbers
 
 
-def _of_model(field: Any, settings: Any, robot: pfd.Robot) -> NDArray[Any]:
-    """Return the numbers of a field for each joint: the model's if its switch is on."""
-    switch = getattr(settings, field.name)
+def _of_model(effect: Any, settings: Any, robot: pfd.Robot) -> NDArray[Any]:
+    """Return the numbers of an effect for each joint: the model's if its switch is on."""
+    switch = getattr(settings, effect.field)
     estimated = switch == ESTIMATED
-    found = field.resolved(robot, ESTIMATED) if estimated else field.of_model(robot)
+    found = effect.resolved(robot, ESTIMATED) if estimated else effect.of_model(robot)
     numbers: NDArray[Any] = found * float(bool(switch))
     return numbers
 
@@ -110,16 +110,16 @@ def check_joints_without_values(settings: Any, robot: pfd.Robot, joints: Sequenc
 
     `joints` are in published order. Where no number is given, the scene warns.
     """
-    for field in EFFECT_FIELDS:
-        if not field.from_model or getattr(settings, field.name) is not True:
+    for effect in JOINT_EFFECTS:
+        if not effect.from_model or getattr(settings, effect.field) is not True:
             continue
-        for name, parameter in joint_settings(field).items():
+        for name, parameter in joint_settings(effect).items():
             numbers = getattr(settings, name)
             given = {joint for joint, number in zip(joints, numbers, strict=False) if number}
-            silent = [joint for joint in field.unstated(robot) if joint not in given]
+            silent = [joint for joint in effect.unstated(robot) if joint not in given]
             if numbers and silent:
                 warnings.warn(
-                    f'{field.name} is true, but the model of {robot.name!r} states none for '
+                    f'{effect.field} is true, but the model of {robot.name!r} states none for '
                     f'{listed(silent)}, which have none: give {parameter}.{silent[0]} and so on',
                     pfd.PhysicsWarning,
                     stacklevel=2,
@@ -129,15 +129,15 @@ def check_joints_without_values(settings: Any, robot: pfd.Robot, joints: Sequenc
 def given_effects(settings: Any, order: NDArray[Any]) -> dict[str, Any]:
     """Return the fields of Scene that settings give, in model order."""
     effects: dict[str, Any] = {}
-    for field in EFFECT_FIELDS:
-        if field.kind != PER_JOINT or field.model:
-            value = getattr(settings, field.name)
-            effects[field.name] = (value or None) if value is not True else MODEL
-        columns = [getattr(settings, name) for name in joint_settings(field)]
+    for effect in JOINT_EFFECTS:
+        if effect.kind != PER_JOINT or effect.model:
+            value = getattr(settings, effect.field)
+            effects[effect.field] = (value or None) if value is not True else MODEL
+        columns = [getattr(settings, name) for name in joint_settings(effect)]
         if any(columns):
             values = np.transpose([in_model_order(numbers, order) for numbers in columns])
-            given = values if field.columns else values[:, 0]
-            effects[field.name] = given if given.any() else None
+            given = values if effect.columns else values[:, 0]
+            effects[effect.field] = given if given.any() else None
     return {name: value for name, value in effects.items() if value is not None}
 
 

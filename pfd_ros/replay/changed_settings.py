@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import pfd_core as pfd
 from pfd_ros.arm.description import described_robot
 from pfd_ros.arm.plant import with_scene_text
-from pfd_ros.arm.plant_settings import EFFECT_FIELDS, joint_settings
+from pfd_ros.arm.plant_settings import JOINT_EFFECTS, joint_settings
 from pfd_ros.arm.setting_fields import typed
 from pfd_ros.arm.settings import (
     FIELDS,
@@ -218,8 +218,8 @@ def _text(urdf: Callable[[], str]) -> str:
 def _with_scene(settings: Settings, changes: Changes) -> Settings:
     """Return settings in which a scene and the effects that change do not conflict."""
     effects = {'gravity'}
-    for item in EFFECT_FIELDS:
-        effects.update({item.name} & {row.field for row in FIELDS}, joint_settings(item))
+    for item in JOINT_EFFECTS:
+        effects.update({item.field} & {row.field for row in FIELDS}, joint_settings(item))
     if 'scene' in changes.values:
         default = Settings()
         return replace(settings, **{name: getattr(default, name) for name in effects}, scene='')

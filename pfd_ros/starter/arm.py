@@ -153,7 +153,7 @@ def _recorded(
     """
     order = joint_order(settings.joints, robot)
     scene = scene_of(settings, np.array(order))
-    fields = {field.name: field for effect in pfd.EFFECTS for field in effect.fields}
+    fields = {effect.field: effect for effect in pfd.EFFECTS}
     numbers = {}
     for key in NUMBERS:
         found = fields[key].resolved(robot, getattr(scene, key))

@@ -43,8 +43,7 @@ from pfd_ros.arm.noise import philox
 from pfd_ros.arm.noise import uniform as noise_uniform
 from pfd_ros.arm.outputs import position_and_quaternion
 from pfd_ros.arm.plant import scene_of, with_scene_text
-from pfd_ros.arm.plant_settings import EFFECT_FIELDS as ARM_EFFECT_FIELDS
-from pfd_ros.arm.plant_settings import joint_settings
+from pfd_ros.arm.plant_settings import JOINT_EFFECTS, joint_settings
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.joints import decode_joints
 from pfd_ros.messages.numbers import decode_numbers
@@ -535,11 +534,11 @@ def test_changes_replace_the_effects_of_a_scene_file():
 def test_the_numbers_of_each_joint_make_the_scene_of_the_table_of_effects():
     order = np.array([1, 0])
     wanted, settings = {}, {}
-    for field in ARM_EFFECT_FIELDS:
-        names = list(joint_settings(field))
+    for effect in JOINT_EFFECTS:
+        names = list(joint_settings(effect))
         if names:
-            wanted[field.name] = np.array(example(field, 2))
-            columns = wanted[field.name].reshape(2, -1).T
+            wanted[effect.field] = np.array(example(effect, 2))
+            columns = wanted[effect.field].reshape(2, -1).T
             for name, column in zip(names, columns, strict=True):
                 settings[name] = tuple(column[order].tolist())
     found = scene_of(Settings(robot='planar2', **settings), order)

@@ -35,8 +35,7 @@ import yaml
 import pfd_core as pfd
 from pfd_ros.arm.description import load_robot as load_arm_robot
 from pfd_ros.arm.plant import scene_of
-from pfd_ros.arm.plant_settings import EFFECT_FIELDS as ARM_EFFECT_FIELDS
-from pfd_ros.arm.plant_settings import joint_settings
+from pfd_ros.arm.plant_settings import JOINT_EFFECTS, joint_settings
 from pfd_ros.arm.settings import FIELDS as SETTING_ROWS
 from pfd_ros.arm.settings import REMOVED as REMOVED_SETTINGS
 from pfd_ros.arm.settings import Settings, split_joints, with_joint_numbers
@@ -75,9 +74,9 @@ def test_the_shipped_file_names_every_number_of_a_joint_with_the_units_of_the_ta
     )
     named = {name: comment.partition(', ')[0] for name, comment in lines}
     wanted = {}
-    for field in ARM_EFFECT_FIELDS:
-        for k, name in enumerate(joint_settings(field).values()):
-            wanted[name] = field.units(k)
+    for effect in JOINT_EFFECTS:
+        for k, name in enumerate(joint_settings(effect).values()):
+            wanted[name] = effect.units(k)
     assert named == wanted
 
 

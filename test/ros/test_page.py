@@ -730,3 +730,13 @@ def test_hostile_names_draw_without_errors(browser, tmp_path):
         assert count == 3
         name = browser.value("document.querySelector('#joints button').textContent")
         assert name.startswith('</script>')
+
+
+@needs_browser
+def test_a_curve_of_one_value_is_in_the_middle_of_its_axis(browser, tmp_path):
+    names, still = ['a', 'b'], np.array([0.0, 0.0])
+    rows = [('/joint_states', t, {'names': names, 'position': still}) for t in TIMES]
+    shown(write_bag(tmp_path / 'a.mcap', rows)).write(tmp_path / 'page.html')
+    with drawn(browser, tmp_path / 'page.html'):
+        axis = browser.value('JSON.stringify([plots[0].scales.y.min, plots[0].scales.y.max])')
+        assert json.loads(axis) == [-1.0, 1.0]

@@ -112,6 +112,8 @@ function limits(u) {
 }
 
 const short = (x) => (x === null || x === undefined ? '–' : x === 0 ? '0' : Math.abs(x) >= 1e5 || Math.abs(x) < 1e-4 ? x.toExponential(2) : String(+x.toPrecision(5)));
+// As uPlot's own, which shows a curve that is 0 throughout up to 100.
+const range = (_, low, high) => (low === null ? [low, high] : low === high ? [low - 1, high + 1] : uPlot.rangeNum(low, high, 0.1, true));
 const axis = (extra) => ({
   stroke: () => colour('soft'), grid: { stroke: () => colour('grid'), width: 1 }, ticks: { stroke: () => colour('grid'), size: 4 },
   font: '11px system-ui, sans-serif', ...extra,
@@ -179,7 +181,7 @@ async function chart(p) {
   show();
   const band = (k) => ({ series: [k + 2, k + 1], fill: () => colour('band') });
   const u = new uPlot(options(150, 6, {
-    scales: { x: { time: false } },
+    scales: { x: { time: false }, y: { range } },
     series: [{}, ...p.curves.map((c, k) => ({
       label: c.label, stroke: () => colour(hue(c, k)), width: c.kind ? 0.8 : 1.25, dash: c.kind ? [6, 3] : [],
       points: { show: n < 60 }, ...(paths && { paths }) }))],

@@ -25,7 +25,7 @@ from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.recording.bags import Bag, BagTopic
 from pfd_ros.recording.format import FORMAT, HeadKey, LogError, damage_named
-from pfd_ros.recording.log import robot_of
+from pfd_ros.recording.log import robot_of, table
 from pfd_ros.recording.mcap_records import EXPANSION
 from pfd_ros.recording.topic_arrays import TopicArrays, TopicReader
 from pfd_ros.text import cut, listed, one_line
@@ -292,10 +292,10 @@ def _recorded(bag: Bag) -> dict[str, Any]:
     if not _is_ours(bag):
         return {}
     return {
-        'settings': _table(bag, HeadKey.SETTINGS),
+        'settings': table(bag.head, HeadKey.SETTINGS),
         'robot': robot_of(bag.robot) if bag.robot else None,  # cut off before it
         'roles': roles_of(bag),
-        'simulated': _table(bag, HeadKey.TIMES).get('log_time') == 'simulated',
+        'simulated': table(bag.head, HeadKey.TIMES).get('log_time') == 'simulated',
         'head': bag.head,
         'end': {key: json.loads(text) for key, text in bag.end.items()},
     }
@@ -310,11 +310,4 @@ def roles_of(bag: Bag) -> dict[str, str]:
     if not _is_ours(bag):
         return {}
     with damage_named(bag.path):
-        return {str(topic): role for role, topic in _table(bag, HeadKey.TOPICS).items()}
-
-
-def _table(bag: Bag, key: str) -> dict[str, Any]:
-    found = json.loads(bag.head.get(key, '{}'))
-    if not isinstance(found, dict):
-        raise ValueError(f'{key} in its head is {cut(repr(found))}, expected a table')
-    return found
+        return {str(topic): role for role, topic in table(bag.head, HeadKey.TOPICS).items()}

@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from datetime import datetime, timezone
-import json
 import os
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.types import JOINT_STATE, STRING
 from pfd_ros.recording.arrays import COUNT, LogArrays, read_log
 from pfd_ros.recording.format import EndKey, HeadKey, damage_named
+from pfd_ros.recording.log import table
 from pfd_ros.recording.provenance import DECISIVE, versions
 from pfd_ros.recording.topic_arrays import decoder_of
 
@@ -91,7 +91,7 @@ def _run(log: LogArrays, settings: Mapping[str, Any]) -> dict[str, Any]:
         'cycles': cycles,
         'seconds': cycles * settings['step_size'],
         'rejected': rejected,
-        'versions': json.loads(log.head.get(HeadKey.VERSIONS, '{}')),
+        'versions': table(log.head, HeadKey.VERSIONS),
     }
 
 

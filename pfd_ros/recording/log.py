@@ -7,7 +7,7 @@ Any log, of ours or not, is read as arrays by `arrays`, and other files by `bags
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import takewhile
 import json
 from pathlib import Path
@@ -20,6 +20,7 @@ from pfd_ros.messages.text_and_arrays import decode_string
 from pfd_ros.recording import format as names
 from pfd_ros.recording.bags import Bag
 from pfd_ros.recording.format import HeadKey, LogError, OtherLogError, damage_named
+from pfd_ros.text import cut
 
 # Far more than a hundred joints need; YAML takes seconds a megabyte.
 ROBOT_BYTES = 1 << 20
@@ -50,9 +51,10 @@ class Log:
             raise LogError(f'{path} is a recording without its robot: it ends in its head')
         with damage_named(self.path):
             self.settings = Settings.from_json(bag.head[HeadKey.SETTINGS])
-            self.topics: dict[str, str] = json.loads(bag.head[HeadKey.TOPICS])
+            topics = table(bag.head, HeadKey.TOPICS)
+            self.topics = {role: str(topic) for role, topic in topics.items()}
             self._roles = {topic: role for role, topic in self.topics.items() if role in ROLES}
-            self.versions: dict[str, str] = json.loads(bag.head[HeadKey.VERSIONS])
+            self.versions: dict[str, str] = table(bag.head, HeadKey.VERSIONS)
             self.robot = robot_of(bag.robot)
             self.description = ''
             for message in takewhile(lambda message: message.role in ASIDES, self.messages()):
@@ -77,6 +79,14 @@ class Log:
         with damage_named(self.path):
             self.end = {key: json.loads(text) for key, text in bag.end.items()}
         self.complete = bag.complete and bool(self.end)
+
+
+def table(head: Mapping[str, str], key: str) -> dict[str, Any]:
+    """Return a value of a head that is a table, {} without it; ValueError for another one."""
+    found = json.loads(head.get(key, '{}'))
+    if not isinstance(found, dict):
+        raise ValueError(f'{key} in its head is {cut(repr(found))}, expected a table')
+    return found
 
 
 def robot_of(data: bytes) -> pfd.Robot:

@@ -49,6 +49,7 @@ def _run(given: argparse.Namespace) -> int:
     from pfd_ros.arm.events import REJECTED, ROLES, SET_STATE
     from pfd_ros.node.visitor import resolved, visitor
 
+    patience = max(given.patience, 1.0)
     deadline = time.monotonic() + given.patience
     with visitor('pfd_send') as node:
         topic = resolved(node, given.topic)
@@ -87,7 +88,6 @@ def _run(given: argparse.Namespace) -> int:
             for name in found_arms
         ]
         if found == [JOINT_STATE] and not topic.endswith(str(ROLES[SET_STATE].topic)[1:]):
-            patience = max(given.patience, 1.0)
             joints = [joint for name in found_arms for joint in _joints(node, name, patience)]
             strange = [name for name in message.name if name not in joints]
             if found_arms and strange:
@@ -98,8 +98,10 @@ def _run(given: argparse.Namespace) -> int:
         for subscription in listening:
             _first(subscription.get_publisher_count, deadline + 1.0)
         publisher.publish(message)
-        if not publisher.wait_for_all_acked(Duration(seconds=max(given.patience, 1.0))):
+        if not publisher.wait_for_all_acked(Duration(seconds=patience)):
             raise ValueError(f'{topic}: no subscriber acknowledged the message')
+        for name in found_arms:
+            _joints(node, name, patience)  # which it answers after it has received the message
         end = time.monotonic() + ANSWER_SECONDS
         while listening and (left := end - time.monotonic()) > 0.0:
             rclpy.spin_once(node, timeout_sec=left)
@@ -122,7 +124,7 @@ def _joints(node: Any, arm: str, patience: float) -> list[str]:
     answer = client.call_async(ListParameters.Request(prefixes=['damping']))
     rclpy.spin_until_future_complete(node, answer, timeout_sec=patience)
     if not answer.done():
-        raise ValueError(f'nothing sent: {arm} does not name its joints within {patience:g} s')
+        raise ValueError(f'{arm} does not answer within {patience:g} s')
     return [x for name in answer.result().result.names if (x := name.partition('.')[2])]
 
 

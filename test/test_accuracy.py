@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from oracle import ACCELERATION, NOT_ORTHOGONAL, ROUNDED_FRAMES, Oracle, jacobi_condition, relative
 import pytest
-from sampling import one_fast
-from zoo import random_chain, random_state, without_mass
+from zoo import one_fast, random_chain, random_state, without_mass
 
 from benchmarks.cases.problems import (
     CASES,

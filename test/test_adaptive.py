@@ -15,9 +15,8 @@ from contact_oracle import Motion, random_case, random_start
 import mpmath
 import numpy as np
 import pytest
-from sampling import one_fast
 import yaml
-from zoo import Array, random_chain, slider
+from zoo import Array, one_fast, random_chain, slider
 
 from benchmarks.cases.problems import rods
 from benchmarks.cases.robots import robot as report_robot

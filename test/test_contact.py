@@ -13,8 +13,7 @@ import numpy as np
 from oracle import Oracle
 import pinocchio as pin
 import pytest
-from sampling import one_fast
-from zoo import BODY, Array, flywheel, joint, link, random_chain, slider, urdf
+from zoo import BODY, Array, flywheel, joint, link, one_fast, random_chain, slider, urdf
 
 import pfd_core as pfd
 

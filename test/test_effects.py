@@ -13,13 +13,22 @@ import re
 from types import SimpleNamespace
 from typing import Any
 
-from effect_cases import everything, example, scene_with
 from mpmath import mp
 import numpy as np
 from oracle import ACCELERATION, Oracle
 import pytest
-from sampling import one_fast
-from zoo import ODD_ARM, Array, random_chain, random_state, slider, without_mass
+from zoo import (
+    ODD_ARM,
+    Array,
+    effect_example,
+    everything,
+    one_fast,
+    random_chain,
+    random_state,
+    scene_with,
+    slider,
+    without_mass,
+)
 
 import pfd_core as pfd
 from pfd_core.dynamics.methods import ITERATIVE as ITERATIVE_METHODS
@@ -78,7 +87,9 @@ def state() -> dict[str, Array]:
 def scene_of(name: str) -> pfd.Scene:
     """Return a scene with one effect, and gravity where it needs some."""
     others = (
-        {'gravity': example(EFFECT_FIELDS['gravity'], N)} if name in ('gravity', 'payload') else {}
+        {'gravity': effect_example(EFFECT_FIELDS['gravity'], N)}
+        if name in ('gravity', 'payload')
+        else {}
     )
     return scene_with(*INSTANT[name].fields, n=N, **others)
 

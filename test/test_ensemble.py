@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sampling import one_fast
-from zoo import random_chain, random_state, without_mass
+from zoo import one_fast, random_chain, random_state, without_mass
 
 import pfd_core as pfd
 

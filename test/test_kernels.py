@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 from oracle import assert_bits_of_the_emulator
 import pytest
-from sampling import one_fast
-from zoo import random_chain, random_states, without_mass
+from zoo import one_fast, random_chain, random_states, without_mass
 
 import pfd_core as pfd
 from pfd_core.dynamics.methods import ITERATIVE as ITERATIVE_METHODS

@@ -20,8 +20,7 @@ from typing import Any
 import llvmlite.binding as llvm
 import numpy as np
 import pytest
-from sampling import one_fast
-from zoo import random_chain, random_state
+from zoo import one_fast, random_chain, random_state
 
 import pfd_core as pfd
 from pfd_core.kernels import cache, generate, native, objects, recipes

@@ -9,11 +9,10 @@ from functools import cache
 import pickle
 from typing import Any
 
-from effect_cases import scene_with
 import mpmath
 import numpy as np
 import pytest
-from zoo import random_chain, slider
+from zoo import random_chain, scene_with, slider
 
 import pfd_core as pfd
 from pfd_core.model.effects import STEP as STEP_VALUES

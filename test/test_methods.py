@@ -27,8 +27,7 @@ from oracle import (
 )
 import pinocchio as pin
 import pytest
-from sampling import one_fast
-from zoo import Array, random_chain, random_state, right_angled, without_mass
+from zoo import Array, one_fast, random_chain, random_state, right_angled, without_mass
 
 import pfd_core as pfd
 from pfd_core.dynamics import methods

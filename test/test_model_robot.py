@@ -22,7 +22,7 @@ from zoo import (
     ODD_ARM,
     ROWS,
     Array,
-    example,
+    example_urdf,
     random_chain,
     random_inertia,
     random_rotation,
@@ -430,7 +430,7 @@ def test_the_puma_has_the_inertia_and_gravity_load_that_corke_prints() -> None:
 
 @pytest.mark.filterwarnings('ignore:URDF text. not read.*mu_coulomb:pfd_core.PhysicsWarning')
 def test_the_panda_is_the_urdf_without_its_hand() -> None:
-    text = example('panda_description/urdf/panda.urdf')
+    text = example_urdf('panda_description/urdf/panda.urdf')
     arm = text[: text.index('<joint name="panda_hand_joint"')] + '</robot>'
     urdf, ours = pfd.load_robot(arm, tip='panda_link8'), pfd.load_robot('panda')
     assert urdf.joint_names == ours.joint_names

@@ -19,7 +19,7 @@ from zoo import (
     TWO_ARMS,
     changed,
     exact_angles,
-    example,
+    example_urdf,
     joint,
     link,
     urdf,
@@ -81,7 +81,7 @@ CHAINS = [
 def test_a_chain_has_the_inertia_the_torques_and_the_frames_of_pinocchio(
     text: str, choice: dict[str, object], n: int
 ) -> None:
-    text = text if '<' in text else example(text)
+    text = text if '<' in text else example_urdf(text)
     robot = pfd.load_robot(text, **choice)
     assert robot.n == n
     assert_same_physics(robot, text, choice.get('locked', {}))
@@ -257,7 +257,7 @@ def test_physics_that_is_not_read_is_named(old: str, new: str, named: str) -> No
 
 
 def test_attributes_of_many_joints_that_are_not_read_are_named_once_with_their_number() -> None:
-    text = example('panda_description/urdf/panda.urdf')
+    text = example_urdf('panda_description/urdf/panda.urdf')
     locked = {'panda_finger_joint1': 0.01, 'panda_finger_joint2': 0.02}
     with pytest.warns(pfd.PhysicsWarning) as found:
         pfd.load_robot(text, locked=locked)

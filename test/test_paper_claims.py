@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sampling import one_fast
+from zoo import one_fast
 
 from benchmarks.cases.conjugate import errors_of_iterates
 from benchmarks.cases.paper import (

@@ -23,7 +23,7 @@ from closed_forms import (
 )
 import numpy as np
 import pytest
-from sampling import one_fast
+from zoo import one_fast
 
 from benchmarks.cases.paper import (
     KINDS,

@@ -16,10 +16,9 @@ from closed_forms import LENGTHS, Counts, arithmetic, by_section, chain, levels,
 import numpy as np
 from oracle import ACCELERATION, Oracle, jacobi_condition, relative
 import pytest
-from sampling import one_fast
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import shortest_path
-from zoo import Array, random_chain, random_state, without_mass
+from zoo import Array, one_fast, random_chain, random_state, without_mass
 
 from benchmarks.cases import conjugate
 from benchmarks.cases.paper import (

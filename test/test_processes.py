@@ -18,8 +18,7 @@ import time
 from computing_processes import STATUSES, WAYS, WORK
 import numpy as np
 import pytest
-from sampling import one_fast
-from zoo import random_states
+from zoo import one_fast, random_states
 
 import pfd_core as pfd
 from pfd_core.kernels import threads as pool

@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike
 from oracle import ARMS, DYNAMICS, FIFTY_DIGITS, Oracle, chains, relative
 import pinocchio as pin
 import pytest
-from sampling import one_fast
-from zoo import Array, random_chain, random_state
+from zoo import Array, one_fast, random_chain, random_state
 
 from benchmarks.cases.robots import coaxial
 from benchmarks.cases.robots import robot as robot_called

@@ -14,8 +14,7 @@ import numpy as np
 from oracle import Oracle
 import pinocchio as pin
 import pytest
-from sampling import one_fast
-from zoo import WHEEL, Array, joint, link, slider, to_pinocchio, urdf
+from zoo import WHEEL, Array, joint, link, one_fast, slider, to_pinocchio, urdf
 
 import pfd_core as pfd
 from pfd_core.simulation.stiffness import STIFF as STIFF_DECAY

@@ -10,16 +10,19 @@ URDF texts: ODD_ARM (six joints of all kinds on odd axes, with fixed joints betw
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 import re
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 import pinocchio as pin
+import pytest
 
 import pfd_core as pfd
+from pfd_core.model import effects
 
 Array = NDArray[np.float64]
 
@@ -303,7 +306,7 @@ TRUNCATED = {
 }
 
 
-def example(name: str) -> str:
+def example_urdf(name: str) -> str:
     """Return the text of a URDF of the package example-robot-data."""
     folders = Path(pin.__file__).parents[4] / 'share' / 'example-robot-data' / 'robots'
     return (folders / name).read_text(encoding='utf-8')
@@ -323,3 +326,76 @@ def changed(old: str, new: str) -> str:
     """Return ODD_ARM with a text replaced, which must be there."""
     assert old in ODD_ARM, old
     return ODD_ARM.replace(old, new, 1)
+
+
+# ---- values of every field of a scene, from the table of effects ----
+
+
+# Fields that hold something else than numbers of a rule.
+OTHERS: dict[str, Any] = {
+    'gravity': (0.3, -0.2, -9.6),
+    'payload': pfd.Payload(1.0, (0.1, 0.05, -0.02), np.diag([0.02, 0.03, 0.04])),
+    'external_wrench': True,
+    'brakes': True,
+    'restitution': 0.5,
+    'gravity_compensation': pfd.Scene(gravity=(0.0, 0.1, -9.7)),
+}
+
+
+def effect_example(effect: effects.Effect, n: int, seed: int = 1) -> Any:
+    """Return a value of an effect for n joints; every number differs from the others."""
+    if effect.field == 'torque_speed':
+        return [[(0.2 + 0.1 * i, 6.0 + i), (4.0 + i, 1.0)] for i in range(n)]
+    if effect.kind != 'per joint':
+        return OTHERS[effect.field]
+    rng = np.random.default_rng([seed, *effect.field.encode()])
+    columns = len(effect.columns) or 1
+    numbers = 0.5 + rng.uniform(0.0, 1.0, (n, columns))
+    if effect.least < 0:
+        # Limits between which a joint lies, or positions of either sign.
+        numbers[:, 0] = -numbers[:, 0]
+    if effect.field == 'static_friction':
+        numbers += 1.5
+    if effect.most == 1:
+        numbers *= 0.1  # shares
+    return numbers if effect.columns else numbers[:, 0]
+
+
+def scene_with(*names: str, n: int, **others: Any) -> pfd.Scene:
+    """Return a scene with these fields, and with those that they refine."""
+    wanted = set(names)
+    while more := {effects.FIELDS[name].needs for name in wanted} - {''} - wanted:
+        wanted |= more
+    values = {name: effect_example(effects.FIELDS[name], n) for name in wanted}
+    return pfd.Scene(**{'gravity': None, **values, **others})
+
+
+def everything(n: int) -> pfd.Scene:
+    """Return a scene of n joints with every effect of the table."""
+    return scene_with(*(effect.field for effect in pfd.EFFECTS), n=n)
+
+
+# ---- parameters of one fact ----
+
+
+def one_fast(values: Iterable[Any], fast: Any = None) -> list[Any]:
+    """
+    Return parameters of which one is in the fast suite and the others are `slow`.
+
+    Parameters
+    ----------
+    values
+        The parameters, in the order of the tests; a tuple has the values of several arguments.
+    fast
+        The fast one; by default the first.
+    """
+    every = list(values)
+    chosen = 0 if fast is None else every.index(fast)
+    return [
+        value if place == chosen else pytest.param(*_arguments(value), marks=pytest.mark.slow)
+        for place, value in enumerate(every)
+    ]
+
+
+def _arguments(value: Any) -> tuple[Any, ...]:
+    return value if isinstance(value, tuple) else (value,)

@@ -10,13 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from arm_messages import efforts, made
-from effect_cases import everything
 import numpy as np
 import pytest
 from recordings import simulate
 from ros_processes import example_robot
-from sampling import one_fast
-from zoo import joint, link, urdf
+from zoo import everything, joint, link, one_fast, urdf
 
 import pfd_core as pfd
 from pfd_ros import read_log

@@ -22,13 +22,13 @@ from arm_messages import (
     verdict,
     wrench,
 )
-from effect_cases import example
 import numpy as np
 from oracle import Oracle
 import pinocchio as pin
 import pytest
 from ros_processes import example_robot
 from test_arm_rules import PUSHED
+from zoo import effect_example
 
 import pfd_core as pfd
 from pfd_ros.arm.engine import Engine
@@ -537,7 +537,7 @@ def test_the_numbers_of_each_joint_make_the_scene_of_the_table_of_effects():
     for effect in JOINT_EFFECTS:
         names = list(joint_settings(effect))
         if names:
-            wanted[effect.field] = np.array(example(effect, 2))
+            wanted[effect.field] = np.array(effect_example(effect, 2))
             columns = wanted[effect.field].reshape(2, -1).T
             for name, column in zip(names, columns, strict=True):
                 settings[name] = tuple(column[order].tolist())

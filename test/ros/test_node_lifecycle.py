@@ -34,7 +34,7 @@ from ros_processes import (
     wait_until,
 )
 from rosbags.typesys import Stores, get_typestore
-from sampling import one_fast
+from zoo import one_fast
 
 from pfd_ros.recording.log import Log as RecordedLog
 from pfd_ros.replay.verify import verify as verify_log

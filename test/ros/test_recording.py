@@ -36,7 +36,7 @@ from ros_processes import (
     with_flags,
 )
 from rosbags.typesys import Stores, get_typestore
-from sampling import one_fast
+from zoo import one_fast
 
 import pfd_core as pfd
 from pfd_ros.arm.events import Message as ArmMessage

@@ -34,8 +34,8 @@ from ros_processes import (
     environment,
     wait_until,
 )
-from sampling import one_fast
 import yaml
+from zoo import one_fast
 
 import pfd_core as pfd
 from pfd_ros import read_log

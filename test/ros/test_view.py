@@ -17,7 +17,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from ros_processes import PATIENCE
-from sampling import one_fast
 from view_models import (
     PANDA,
     SO100,
@@ -30,6 +29,7 @@ from view_models import (
     urdf,
     visual,
 )
+from zoo import one_fast
 
 import pfd_core as pfd
 from pfd_ros.cli.main import main as pfd_main

@@ -98,7 +98,13 @@ def written(folder: Path, text: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize('text', [OFFSETS, STEEP, MESHES, *map(chain, range(8))])
+@pytest.mark.parametrize(
+    'text',
+    [
+        *(OFFSETS, STEEP, MESHES, *map(chain, range(3))),
+        *(pytest.param(chain(seed), marks=pytest.mark.slow) for seed in range(3, 8)),
+    ],
+)
 def test_a_model_moves_as_in_mujoco(tmp_path: Path, text: str) -> None:
     path = written(tmp_path, text)
     robot = pfd.load_robot(path, right_angle=-1)

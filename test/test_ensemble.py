@@ -140,37 +140,6 @@ def test_an_arm_that_overflows_is_reported_and_does_not_affect_the_others() -> N
     assert many.status == 'ok'
 
 
-NO_TORQUES = np.zeros((5, 2))
-
-
-@pytest.mark.parametrize(
-    ('options', 'message'),
-    [
-        ({}, 'steps is required without taus of several steps'),
-        ({'taus': NO_TORQUES, 'steps': 4}, 'taus has 5 steps, but steps=4'),
-        ({'taus': np.zeros((4, 5, 2))}, r'taus must have shape \(3, 5, 2\) or .* got \(4, 5, 2\)'),
-        (
-            {'taus': NO_TORQUES, 'feedback': pfd.StateFeedback(np.zeros((2, 2)), 0.0)},
-            r'feedback.gain must have shape .* or \(2, 4\) or \(4,\), got \(2, 2\)',
-        ),
-        (
-            {'taus': NO_TORQUES, 'feedback': pfd.StateFeedback(np.nan, 0.0)},
-            'feedback.gain must be finite',
-        ),
-        # Numbers that wrap in 64 bits, and more memory than there is.
-        ({'steps': 2**64 + 2}, 'steps must be an integer from 0 to 1000000000000, got 1844674407'),
-        ({'steps': 1, 'every': 2**64}, 'every must be an integer from 1 to 9223372036854775807'),
-        ({'steps': 10**12}, '3 arms at 1000000000000 times take 144000 GB, but this machine has'),
-    ],
-)
-def test_bad_arguments_are_named(options, message: str) -> None:  # type: ignore[no-untyped-def]
-    many = pfd.Ensemble(pfd.load_robot('planar2'), 3)
-    with pytest.raises(ValueError, match=message):
-        many.rollout(**options)
-    with pytest.raises(ValueError, match='size=1099511627776 arms take 140737 GB, but this mach'):
-        pfd.Ensemble(many.robot, 2**40)
-
-
 MANY_STEPS = 60
 # A register of arms and a tail, and one of each.
 SIZE, SOME = 11, (0, 10)

@@ -514,35 +514,6 @@ def test_a_call_is_computed_or_refused_with_the_argument_named(call: str, batch:
     assert np.isfinite(found).all() == ('1e200' not in call) or np.isnan(same).any()
 
 
-@pytest.mark.parametrize(
-    ('options', 'message'),
-    [
-        ({'method': 'euler'}, "method must be 'auto' or one of .* got 'euler'"),
-        ({'refine': -1}, 'refine must be an integer of at least 0, got -1'),
-        ({'scene': pfd.Scene(damping=[1.0])}, 'damping .* 1 numbers, .* 2 joints'),
-        ({'quantity': 'tip_pose', 'frame': 'hand'}, "frame 'hand' is not carried by"),
-        (
-            {'scene': pfd.Scene(friction=[0, 0], static_friction=[1, 1])},
-            "'static_friction'.* act over a step of time",
-        ),
-        # A kernel of the simulator alone.
-        ({'quantity': 'step'}, "quantity must be one of .* got 'step'"),
-        ({'quantity': 'mass'}, "quantity must be one of .*'inertia_matrix'.* got 'mass'"),
-        ({'quantity': 'energy', 'refine': 1}, 'refine must be 0 for energy, .* got 1'),
-        (
-            {'quantity': 'energy', 'method': 'pcrbm'},
-            "method must be 'auto' or 'link_velocities' for energy, got 'pcrbm'",
-        ),
-        ({'quantity': 'energy', 'frame': 'tool0'}, "energy does not take a frame, got .*'tool0'"),
-        ({'frame': 'tool0'}, 'forward_dynamics does not take a frame'),
-        ({'quantity': 'energy', 'scene': {}}, 'scene must be a Scene or None'),
-    ],
-)
-def test_bad_options_are_named(options: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        pfd.compile_kernel(pfd.load_robot('planar2'), **options)
-
-
 def test_only_forward_dynamics_has_an_error_estimate() -> None:
     robot = pfd.load_robot('planar2')
     kernel = pfd.compile_kernel(robot, quantity='derivatives', refine=1)

@@ -277,39 +277,6 @@ def test_a_batch_is_emulated_at_once() -> None:
         assert alone.iterations <= together.iterations
 
 
-@pytest.mark.parametrize(
-    ('options', 'message'),
-    [
-        ({'method': 'aba'}, "method must be one of .* got 'aba'"),
-        ({'processors': 0}, 'processors must be an integer of at least 1, got 0'),
-        ({'processors': 3}, 'processors must be an integer from 1 to 2, got 3'),
-        ({'processors': 1.5}, 'processors must be an integer of at least 1, got 1.5'),
-        (
-            {'processors': 2, 'method': 'articulated_body'},
-            "processors must be 1 for the serial method 'articulated_body', got 2",
-        ),
-        ({'q': np.zeros(3)}, r'q must have shape \(2,\) or \(B, 2\), got \(3,\)'),
-        ({'tau': [np.nan, 0.0]}, 'tau must be finite'),
-        ({'wrench': np.zeros(5)}, r'wrench must have shape \(6,\) or \(B, 6\), got \(5,\)'),
-        ({'dtype': 'float16'}, "dtype must be one of .* got 'float16'"),
-        (
-            {'edition': 'second'},
-            r"edition must be one of \('corrected', 'printed'\), got 'second'",
-        ),
-        (
-            {'edition': 'printed'},
-            r"edition 'printed' needs one of the methods .*'pcrbm_1987'.*, got 'pcrbm'",
-        ),
-        ({'scene': pfd.Scene(external_wrench=True)}, 'the call needs wrench='),
-        ({'network': 'torus'}, r"network must be one of .*'ring'.* got 'torus'"),
-    ],
-)
-def test_bad_arguments_are_named(options, message: str) -> None:  # type: ignore[no-untyped-def]
-    given = {'q': np.zeros(2), 'qd': np.zeros(2), 'tau': np.zeros(2), **options}
-    with pytest.raises(ValueError, match=message):
-        pfd.emulate(pfd.load_robot('planar2'), **given)
-
-
 @pytest.mark.parametrize('method', pfd.EMULATED_METHODS)
 def test_a_method_that_is_only_emulated_is_refused_by_kernels_with_the_function_that_has_it(
     method: str,

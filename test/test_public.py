@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 import copy
+from functools import partial
 import inspect
 import multiprocessing
 from pathlib import Path
@@ -209,6 +210,106 @@ def test_a_wrong_argument_of_a_public_method_is_named(
 
 
 # Numbers at run time.
+
+
+def wrong_calls() -> Iterator[Any]:
+    """Yield calls, arguments of which one is wrong or missing, and the error."""
+    torques = np.zeros((5, 2))
+    rows: list[tuple[Callable[..., Any], list[tuple[dict[str, Any], str]]]] = [
+        (
+            partial(pfd.Simulator, ROBOT),
+            [
+                ({'step_size': 0.0}, 'step_size must be above zero seconds, got 0.0'),
+                ({'substeps': 1.5}, 'substeps must be an integer of at least 1, got 1.5'),
+                # Numbers that a 64-bit integer would take for 2 and for 0.
+                (
+                    {'substeps': 2**64 + 2},
+                    'substeps must be an integer from 1 to 100000, got 1844',
+                ),
+                ({'refine': 2**64}, 'refine must be an integer from 0 to 16, got 18446744073709'),
+                ({'dtype': 'float16'}, "dtype must be one of .* got 'float16'"),
+            ],
+        ),
+        (
+            partial(pfd.compile_kernel, ROBOT),
+            [
+                ({'method': 'euler'}, "method must be 'auto' or one of .* got 'euler'"),
+                ({'refine': -1}, 'refine must be an integer of at least 0, got -1'),
+                ({'scene': pfd.Scene(damping=[1.0])}, 'damping .* 1 numbers, .* 2 joints'),
+                ({'scene': {}}, 'scene must be a Scene or None'),
+                ({'frame': 'tool0'}, 'forward_dynamics does not take a frame'),
+                ({'quantity': 'tip_pose', 'frame': 'hand'}, "frame 'hand' is not carried by"),
+                # A kernel of the simulator alone.
+                ({'quantity': 'step'}, "quantity must be one of .* got 'step'"),
+                ({'quantity': 'mass'}, "quantity must be one of .*'inertia_matrix'.* got 'mass'"),
+                ({'quantity': 'energy', 'refine': 1}, 'refine must be 0 for energy, .* got 1'),
+                (
+                    {'quantity': 'energy', 'method': 'pcrbm'},
+                    "method must be 'auto' or 'link_velocities' for energy, got 'pcrbm'",
+                ),
+                ({'quantity': 'energy', 'frame': 'tool0'}, 'energy does not take a frame, got'),
+            ],
+        ),
+        (
+            lambda **given: pfd.emulate(ROBOT, **ZEROS | given),
+            [
+                ({'method': 'aba'}, "method must be one of .* got 'aba'"),
+                ({'processors': 0}, 'processors must be an integer of at least 1, got 0'),
+                ({'processors': 3}, 'processors must be an integer from 1 to 2, got 3'),
+                (
+                    {'processors': 2, 'method': 'articulated_body'},
+                    "processors must be 1 for the serial method 'articulated_body', got 2",
+                ),
+                ({'q': np.zeros(3)}, r'q must have shape \(2,\) or \(B, 2\), got \(3,\)'),
+                ({'tau': [np.nan, 0.0]}, 'tau must be finite'),
+                ({'wrench': np.zeros(5)}, r'wrench must have shape \(6,\) or \(B, 6\), got'),
+                ({'edition': 'second'}, r"edition must be one of .*'printed'.* got 'second'"),
+                (
+                    {'edition': 'printed'},
+                    r"edition 'printed' needs one of the methods .*'pcrbm_1987'.*, got 'pcrbm'",
+                ),
+                ({'scene': pfd.Scene(external_wrench=True)}, 'the call needs wrench='),
+                ({'network': 'torus'}, r"network must be one of .*'ring'.* got 'torus'"),
+            ],
+        ),
+        (
+            lambda **given: pfd.Ensemble(ROBOT, 3).rollout(**given),
+            [
+                ({}, 'steps is required without taus of several steps'),
+                ({'taus': torques, 'steps': 4}, 'taus has 5 steps, but steps=4'),
+                ({'taus': np.zeros((4, 5, 2))}, r'taus must have shape .* got \(4, 5, 2\)'),
+                (
+                    {'taus': torques, 'feedback': pfd.StateFeedback(np.zeros((2, 2)), 0.0)},
+                    r'feedback.gain must have shape .* or \(2, 4\) or \(4,\), got \(2, 2\)',
+                ),
+                (
+                    {'taus': torques, 'feedback': pfd.StateFeedback(np.nan, 0.0)},
+                    'feedback.gain must be finite',
+                ),
+                # Numbers that wrap in 64 bits, and more memory than there is.
+                (
+                    {'steps': 2**64 + 2},
+                    'steps must be an integer from 0 to 1000000000000, got 184',
+                ),
+                (
+                    {'steps': 1, 'every': 2**64},
+                    'every must be an integer from 1 to 92233720368547',
+                ),
+                ({'steps': 10**12}, '3 arms at 1000000000000 times take 144000 GB, but this mach'),
+            ],
+        ),
+        (partial(pfd.Ensemble, ROBOT), [({'size': 2**40}, 'size=1099511627776 arms take 140737')]),
+    ]
+    for call, each in rows:
+        yield from (pytest.param(call, *row, id=row[1]) for row in each)
+
+
+@pytest.mark.parametrize(('call', 'given', 'message'), [*wrong_calls()])
+def test_an_argument_that_cannot_be_is_refused_by_name(
+    call: Callable[..., Any], given: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        call(**given)
 
 
 class Degrees(np.ndarray):

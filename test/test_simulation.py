@@ -127,25 +127,6 @@ def test_what_native_code_was_made_for_cannot_be_changed_nor_the_state_by_its_co
     np.testing.assert_array_equal(sim.q, 0.0)
 
 
-@pytest.mark.parametrize(
-    ('options', 'message'),
-    [
-        ({'step_size': 0.0}, 'step_size must be above zero seconds, got 0.0'),
-        ({'substeps': 1.5}, 'substeps must be an integer of at least 1, got 1.5'),
-        # Numbers that a 64-bit integer would take for 2 and for 0.
-        (
-            {'substeps': 2**64 + 2},
-            'substeps must be an integer from 1 to 100000, got 184467440737',
-        ),
-        ({'refine': 2**64}, 'refine must be an integer from 0 to 16, got 18446744073709551616'),
-        ({'dtype': 'float16'}, "dtype must be one of .* got 'float16'"),
-    ],
-)
-def test_bad_settings_are_named(options, message: str) -> None:  # type: ignore[no-untyped-def]
-    with pytest.raises(ValueError, match=message):
-        pfd.Simulator(pfd.load_robot('planar2'), **options)
-
-
 # Moment of inertia of the wheel about its joint [kg m^2].
 INERTIA = 0.025
 

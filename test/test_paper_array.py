@@ -48,27 +48,6 @@ def pass_on(state: Any, ports: systolic.Ports) -> systolic.Step:
     return systolic.Step(state, {'right': ports['left']}, 'pass')
 
 
-def test_an_item_takes_one_cycle_to_each_neighbour() -> None:
-    trace = row_of_cells(5, pass_on).run({FIRST: {1: 'a', 2: 'b', 7: 'c'}})
-    assert [t for t, steps in enumerate(trace.steps, 1) if (1, 5) in steps] == [5, 6, 11]
-    assert trace.sent((1, 5), 'right') == trace.sent((1, 4), 'right') == ['a', 'b', 'c']
-    assert trace.sent((1, 5), 'left') == []
-
-
-def test_all_latches_change_at_once_whatever_the_order_of_the_cells() -> None:
-    # Each cell keeps the last item and sends the one before: a wrong order would mix cycles.
-    def delay(state: Any, ports: systolic.Ports) -> systolic.Step:
-        return systolic.Step(ports['left'], {} if state is None else {'right': state}, 'delay')
-
-    items = dict(enumerate('abcdefgh', 1))
-    forward = row_of_cells(3, delay)
-    backward = systolic.Array(dict(reversed(forward.cells.items())), forward.links)
-    traces = [array.run({FIRST: items}) for array in (forward, backward)]
-    assert traces[0].steps == traces[1].steps
-    assert traces[0].states == traces[1].states == {(1, 1): 'h', (1, 2): 'g', (1, 3): 'f'}
-    assert traces[0].sent((1, 3), 'right') == list('abcde')
-
-
 def test_a_cell_cannot_read_where_it_has_no_link() -> None:
     def peek(state: Any, ports: systolic.Ports) -> systolic.Step:
         assert ports.get('up') is None

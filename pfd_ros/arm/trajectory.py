@@ -18,6 +18,7 @@ Source: ros2_controllers 6.9.0, joint_trajectory_controller/doc/trajectory.rst.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -130,20 +131,36 @@ def _follow(
     arm: Arm, joints: NDArray[Any], times: NDArray[np.int64], values: dict[str, NDArray[Any]]
 ) -> None:
     """Take over a trajectory, from the state that the joints have now."""
-    state, now = arm.state, arm.stamp_ns
+    state = arm.state
     end(state)
+    first = np.vstack([state.rows[state.now][:2, joints], state.newest[EFFORT, joints]])
+    endless = [arm.robot.joint_types[k] == 'continuous' for k in joints]
+    state.trajectory = plan_of(joints, times, values, arm.stamp_ns, first, endless)
+
+
+def plan_of(
+    joints: NDArray[Any],
+    times: NDArray[np.int64],
+    values: dict[str, NDArray[Any]],
+    now: int,
+    start: NDArray[Any],
+    endless: Sequence[bool],
+) -> Plan:
+    """Return the plan of points (N, k) at times [ns].
+
+    `start` has positions, velocities and efforts (3, k) of now; endless joints take the short way.
+    """
     if 'positions' in values:
-        turns = np.round((state.rows[state.now, 0, joints] - values['positions'][0]) / TURN)
-        endless = [arm.robot.joint_types[k] == 'continuous' for k in joints]
+        turns = np.round((start[0] - values['positions'][0]) / TURN)
         near = values['positions'] + TURN * np.where(endless, turns, 0.0)
         values = values | {'positions': near}
     if now < times[0]:
-        row, times = state.rows[state.now][:, joints], np.append(now, times)
+        times = np.append(now, times)
         first = {
-            'positions': row[0],
-            'velocities': row[1],
+            'positions': start[0],
+            'velocities': start[1],
             'accelerations': np.zeros(len(joints)),
-            'effort': state.newest[EFFORT, joints],
+            'effort': start[2],
         }
         values = {kind: np.vstack([first[kind], array]) for kind, array in values.items()}
     h = np.append(np.diff(times), NANOSECONDS)[:, np.newaxis] / NANOSECONDS
@@ -154,7 +171,7 @@ def _follow(
         effort = values['effort']
         slope = np.diff(effort, axis=0, append=effort[-1:]) / h
         plan = plan._replace(effort=np.stack([effort, slope], axis=1))
-    state.trajectory = plan
+    return plan
 
 
 def _splines(h: NDArray[Any], values: dict[str, NDArray[Any]]) -> NDArray[Any]:

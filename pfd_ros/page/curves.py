@@ -26,6 +26,7 @@ from pfd_ros.arm.events import (
 from pfd_ros.arm.plant import INPUT, scene_of
 from pfd_ros.arm.plant_settings import payload_from
 from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.trajectory import plan_of
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
@@ -40,6 +41,7 @@ MOST_COLUMNS, MOST_POINTS = 64, 20_000
 HELD = 0.1
 # Larger numbers are drawn there: float32 ends.
 LARGEST = 3e38
+DERIVATIVES = ('positions', 'velocities', 'accelerations')
 ENERGIES = ('kinetic', 'potential', 'total')
 # The numbers of a payload in a message.
 PAYLOAD = ('m', 'com.x', 'com.y', 'com.z', 'ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
@@ -83,6 +85,7 @@ def commanded_positions(run: Recorded) -> Iterator[Reference]:
     servos ignores positions, and a controller may fill them with one number: no reference.
     """
     found, servos = run.of_role(NAMED), any(run.settings.get('servo_p') or ())
+    named = set[str]()
     for j, name in enumerate(() if found is None else found.names):
         assert found is not None
         there = np.isfinite(found.position[:, j])
@@ -91,7 +94,59 @@ def commanded_positions(run: Recorded) -> Iterator[Reference]:
             ends = np.append(time[1:], max(run.span[1], time[-1]))
             ends = np.where(ends - time > HELD, ends, time)
             steps = np.stack([time, ends], axis=1).ravel()
+            named.add(name)
             yield Reference((name,), steps, values.repeat(2)[:, np.newaxis])
+    yield from (planned for planned in _planned(run) if planned.names[0] not in named)
+
+
+def _planned(run: Recorded) -> Iterator[Reference]:
+    """Yield the reference of each joint that trajectories move, as the arm samples them."""
+    found, robot = run.of_role(TRAJECTORY), run.robot
+    if found is None or robot is None or 'points.positions' not in found.arrays:
+        return
+    begin, times, ends = _moves(run, found)
+    kinds = dict(zip(robot.joint_names, robot.joint_types, strict=True))
+    pieces: dict[str, list[Array]] = {}
+    for i in np.flatnonzero(run.accepted(TRAJECTORY)):
+        names, at = [x for x in found.joint_names[i] if x], times[i][np.isfinite(times[i])]
+        every = {x: found.arrays[f'points.{x}'][i, : len(at), : len(names)] for x in DERIVATIVES}
+        values = {x: y for x, y in every.items() if y.size and np.isfinite(y).all()}
+        joints = next((x for x in run.joints if {*names} <= {*x.names}), None)
+        if joints is None or 'positions' not in values:
+            continue
+        columns = np.array([joints.names.index(x) for x in names])
+        row = max(int(np.searchsorted(joints.time, begin[i] + 1e-9, 'right')) - 1, 0)
+        start = np.array([joints.values[x][row, columns] for x in JOINT_FIELDS])
+        now, *ns = np.round(NANOSECONDS * np.append(begin[i], at)).astype(np.int64)
+        endless = [kinds[x] == 'continuous' for x in names]
+        plan = plan_of(columns, np.array(ns), values, now, start, endless)
+        stop = min(ends[i], max(run.span[1], begin[i]))
+        last = min(stop, at[-1])
+        moved = joints.time[(joints.time >= begin[i]) & (joints.time < last)]
+        grid = np.append(moved, [last, stop, stop])
+        q = np.array([plan.at(round(NANOSECONDS * t))[1] for t in grid])
+        q[-1] = np.nan  # until the next one
+        for name, column in zip(names, q.T, strict=True):
+            pieces.setdefault(name, []).append(np.stack([grid, column]))
+    for name, parts in pieces.items():
+        time, position = np.concatenate(parts, axis=1)
+        yield Reference((name,), time, position[:, np.newaxis])
+
+
+def _moves(run: Recorded, found: TopicArrays) -> tuple[Array, Array, Array]:
+    """Return the starts of trajectories (N,), times of their points (N, k), their ends (N,)."""
+    sec, nanosec = (found.arrays[f'points.time_from_start.{x}'] for x in ('sec', 'nanosec'))
+    came, stamps = run.times(found), found.header.stamp
+    stamp = stamps.sec + stamps.nanosec / NANOSECONDS
+    now = came - run.settings['step_size']  # a message is logged with the state after its cycle
+    start = np.where(stamp > 0.0, stamp - run.origin_ns / NANOSECONDS, now)
+    stops = [run.accepted_times(role) for role in MOVING]
+    # A pause shifts trajectories of an arm that follows another clock.
+    clocked = run.settings.get('time_source') == 'clock'
+    stops.append(run.accepted_times(REQUESTS, ('"reset"', '"deactivate"', *['"pause"'] * clocked)))
+    stop = np.sort(np.concatenate([*stops, [np.inf]]))
+    ends = stop[np.searchsorted(stop, came, 'right')]
+    return now, start[:, np.newaxis] + sec + nanosec / NANOSECONDS, ends
 
 
 def plots_of(run: Recorded, references: Sequence[Reference] = ()) -> Iterator[Plot]:
@@ -127,16 +182,9 @@ def _points(run: Recorded) -> Iterator[Plot]:
     found = run.of_role(TRAJECTORY)
     if found is None or 'points.positions' not in found.arrays:
         return
-    sec, nanosec = (found.arrays[f'points.time_from_start.{x}'] for x in ('sec', 'nanosec'))
-    came, stamps = run.times(found), found.header.stamp
-    stamp = stamps.sec + stamps.nanosec / NANOSECONDS
-    start = np.where(stamp > 0.0, stamp - run.origin_ns / NANOSECONDS, came)
-    time = start[:, np.newaxis] + sec + nanosec / NANOSECONDS
-    stops = [run.accepted_times(role) for role in MOVING]
-    stops.append(run.accepted_times(REQUESTS, ('"reset"', '"deactivate"')))
-    stop = np.sort(np.concatenate([*stops, [np.inf]]))
-    ends = stop[np.searchsorted(stop, came, 'right'), np.newaxis]
-    acts = (time >= came[:, np.newaxis]) & (time < ends) & run.accepted(TRAJECTORY)[:, np.newaxis]
+    begin, time, ends = _moves(run, found)
+    acts = (time >= begin[:, np.newaxis]) & (time < ends[:, np.newaxis])
+    acts &= run.accepted(TRAJECTORY)[:, np.newaxis]
     names = found.joint_names
     labels = tuple(dict.fromkeys(names[names != '']))
     for item, field in zip(JOINT_FIELDS, ('positions', 'velocities', 'effort'), strict=True):

@@ -254,7 +254,7 @@ def test_points_of_trajectories_are_drawn_up_to_the_next_and_feed_the_watchdog(t
     position, effort = (x for x in page.plots if x.title.startswith('commanded points'))
     assert position.source == '/sim_arm/joint_trajectory'
     assert position.labels == effort.labels == ('elbow', 'shoulder')
-    assert position.time == pytest.approx([0.201, 0.75], abs=1e-3)
+    assert position.time == pytest.approx([0.2, 0.75], abs=1e-6)
     assert position.values[0].tolist() == [0.1, 0.0]
     assert np.isnan(position.values[1, 0])
     assert position.values[1, 1] == 0.0
@@ -266,10 +266,10 @@ def test_points_of_trajectories_are_drawn_up_to_the_next_and_feed_the_watchdog(t
 @pytest.mark.parametrize(
     ('event', 'last'),
     [
-        (trajectory(('nobody',), [0.2], positions=[[9.0]]), 0.401),
-        (named(['elbow'], [0.0], position=[0.0]), 0.101),
-        (placed(['elbow'], [0.1]), 0.101),
-        (request('reset'), 0.101),
+        (trajectory(('nobody',), [0.2], positions=[[9.0]]), 0.4),
+        (named(['elbow'], [0.0], position=[0.0]), 0.1),
+        (placed(['elbow'], [0.1]), 0.1),
+        (request('reset'), 0.1),
     ],
     ids=['refused trajectory', 'command', 'jump', 'reset'],
 )
@@ -280,6 +280,24 @@ def test_points_are_drawn_up_to_what_ends_their_trajectory(event, last, tmp_path
     (points,) = (x for x in shown(path).plots if x.title.startswith('commanded points'))
     assert points.time[-1] == pytest.approx(last, abs=1e-6)
     assert np.nanmax(points.values) < 1.0
+
+
+def test_a_joint_is_compared_with_its_trajectory_as_the_arm_samples_it(tmp_path):
+    still = np.zeros((2, 1))
+    plan = trajectory(('elbow',), [0.0, 0.5], positions=[[0.1], [0.6]], velocities=still)
+    servo = {'servo_p': (0.0, 100.0), 'servo_d': (0.0, 8.0), 'gravity': (0.0,) * 3}
+    events = {101: [plan], 801: [placed(['elbow'], [0.1])]}
+    simulate(tmp_path / 'a.mcap', 1000, events, **servo)
+    page = shown(tmp_path / 'a.mcap')
+    position = next(plot for plot in page.plots if plot.title == 'position [rad]')
+    assert list(position.references) == [('elbow', 'reference')]
+    # A cubic of 0.5 s from 0.1 to 0.6 from the state on that the message met, held up to the jump.
+    x = (position.time - 0.1) / 0.5
+    cubic = 0.1 + 0.5 * (3.0 * x**2 - 2.0 * x**3)
+    wanted = np.where(x < 1.0, cubic, 0.6)[(x > -1e-9) & (position.time < 0.8005)]
+    found = position.values[:, 2]
+    np.testing.assert_allclose(found[np.isfinite(found)], wanted, rtol=0, atol=1e-9)
+    assert any(line.startswith('elbow: follows its reference within') for line in page.joints)
 
 
 # Logs of other programs.

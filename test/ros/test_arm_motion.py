@@ -34,7 +34,7 @@ from pfd_ros.arm.noise import Channel as NoiseChannel
 from pfd_ros.arm.noise import uniform as noise_uniform
 from pfd_ros.arm.settings import Settings
 
-NAMES, TIP = ('shoulder', 'elbow'), 'tip_link'
+NAMES = ('shoulder', 'elbow')
 START = {'initial_positions': (0.3, -0.2)}
 SERVO: dict[str, Any] = {'servo_p': (400.0, 200.0), 'servo_d': (40.0, 10.0)}
 WEIGHTLESS = {'gravity': (0.0, 0.0, 0.0)}

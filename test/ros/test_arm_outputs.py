@@ -338,11 +338,8 @@ def test_an_element_depends_neither_on_the_number_of_elements_nor_on_earlier_req
         few[0] = 0.0
 
 
-NAMES, TIP = ('shoulder', 'elbow'), 'tip_link'
+TIP = 'tip_link'
 START = {'initial_positions': (0.3, -0.2)}
-SERVO: dict[str, Any] = {'servo_p': (400.0, 200.0), 'servo_d': (40.0, 10.0)}
-WEIGHTLESS = {'gravity': (0.0, 0.0, 0.0)}
-PUSH = efforts(1.0, -0.5)
 
 
 # The wrench and the payload, against Pinocchio.

@@ -44,7 +44,6 @@ from pfd_ros.messages.text_and_arrays import decode_string, encode_string
 
 NAMES, TIP = ('shoulder', 'elbow'), 'tip_link'
 START = {'initial_positions': (0.3, -0.2)}
-SERVO: dict[str, Any] = {'servo_p': (400.0, 200.0), 'servo_d': (40.0, 10.0)}
 WEIGHTLESS = {'gravity': (0.0, 0.0, 0.0)}
 PUSH = efforts(1.0, -0.5)
 

@@ -96,6 +96,19 @@ def hardware_of(peer) -> TopicHardware:
     )
 
 
+RATE = CONTROLLERS['controller_manager']['ros__parameters']['update_rate']
+
+
+def manager_of(peer) -> ControllerManager:
+    """Return a replica of the controller manager, connected, whose controller commands 0.5 N m."""
+    hardware = hardware_of(peer)
+    manager = ControllerManager(peer, hardware, 1_000_000_000 // RATE)
+    manager.start()
+    peer.wait(lambda: hardware.latest.name and hardware.publisher.get_subscription_count())
+    manager.update = lambda states: {joint: {'effort': 0.5} for joint in ARM}
+    return manager
+
+
 def test_every_command_is_run_by_a_test_of_this_file():
     source = Path(__file__).read_text(encoding='utf-8')
     parts = re.findall(r"start\(\s*processes, '(.*?)'", source)
@@ -142,14 +155,10 @@ def test_the_manager_finds_a_model_and_its_controllers_and_all_nodes_have_simula
 @pytest.mark.slow
 def test_ros2_control_needs_no_remapping(processes, peer_of):
     arm = start(processes, 'recording:=run.mcap')
-    peer = peer_of(processes)
-    hardware = hardware_of(peer)
     assert CONTROLLERS['effort_controller']['ros__parameters']['joints'] == list(ARM)
-    rate = CONTROLLERS['controller_manager']['ros__parameters']['update_rate']
-    manager = ControllerManager(peer, hardware, 1_000_000_000 // rate)
-    manager.start()
-    peer.wait(lambda: hardware.latest.name and hardware.publisher.get_subscription_count())
-    manager.update = lambda states: {joint: {'effort': 0.5} for joint in ARM}
+    peer = peer_of(processes)
+    manager = manager_of(peer)
+    hardware = manager.hardware
     peer.wait(lambda: manager.run(1) or hardware.states['elbow']['effort'] == 0.5)
     assert hardware.states['finger']['position'] == 0.04
     arm.stop()
@@ -165,12 +174,8 @@ def test_ros2_control_needs_no_remapping(processes, peer_of):
 def test_in_lockstep_every_state_has_the_command_of_its_cycle(processes, peer_of):
     arm = start(processes, 'lockstep:=true', '-p', 'recording:=arm.mcap')
     peer = peer_of(processes)
-    hardware = hardware_of(peer)
-    rate = CONTROLLERS['controller_manager']['ros__parameters']['update_rate']
-    manager = ControllerManager(peer, hardware, 1_000_000_000 // rate)
-    manager.start()
-    peer.wait(lambda: hardware.latest.name and hardware.publisher.get_subscription_count())
-    manager.update = lambda states: {joint: {'effort': 0.5} for joint in ARM}
+    manager = manager_of(peer)
+    hardware = manager.hardware
     # Until both are in step, the arm is not slower than the manager, and on a busy machine the
     # manager is some periods behind.
     peer.wait(
@@ -193,7 +198,7 @@ def test_in_lockstep_every_state_has_the_command_of_its_cycle(processes, peer_of
         for message, role in zip(messages, following, strict=True)
         if message.role == 'joint_commands' and role != 'rejected'
     ]
-    every = Settings(publish_rate=float(rate)).publish_every
+    every = Settings(publish_rate=float(RATE)).publish_every
     assert len(taken) >= 100
     assert set(np.diff(taken[-90:])) == {every}
 

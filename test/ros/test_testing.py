@@ -20,7 +20,8 @@ import gripper_arm
 import numpy as np
 import pytest
 from ros_processes import PATIENCE, ROOT, qos, wait_until
-from tested_controllers import BEFORE, GOAL, command_of, faulty, node_of
+from test_lockstep import UNLIMITED, assert_same_bits, pd, ur5
+from tested_controllers import BEFORE, command_of, faulty, node_of
 
 import pfd_core as pfd
 from pfd_ros import read_log
@@ -33,31 +34,9 @@ from pfd_ros.testing import (
     NoAnswerError,
     NodeProcess,
     RejectedError,
-    Trajectory,
 )
 from pfd_ros.testing.domains import claimed_domain
 from pfd_ros.testing.process import ChildProcess
-
-# The stamp of the first state, s: zero is no time to ROS.
-START = 0.001
-UNLIMITED = {'effort_limits': False, 'torque_speed': False}
-UR5: dict[str, Any] = {'robot': 'ur5', 'armature': True, **UNLIMITED}
-
-
-def pd(t: float, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
-    return 100.0 * (GOAL - q) - 10.0 * qd + np.sin(5 * t)
-
-
-def ur5(**settings: Any) -> LockstepArm:
-    return LockstepArm(**UR5, **settings)
-
-
-def assert_same_bits(one: Trajectory, other: Trajectory) -> None:
-    for name in ('time', 'q', 'qd', 'tau'):
-        a, b = getattr(one, name), getattr(other, name)
-        assert a.shape == b.shape
-        assert a.tobytes() == b.tobytes(), name
-
 
 # Faults: what a test says of a controller as a callback, as a node that answers states, as a node
 # with a timer, and as a process with a timer. After BEFORE commands it has the fault.

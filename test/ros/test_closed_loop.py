@@ -351,6 +351,9 @@ def forked(command: Sequence[Any], **more: Any) -> SimpleNamespace:
         )
 
 
+FORKS = SimpleNamespace(run=forked, TimeoutExpired=TimeoutError)
+
+
 def passes(file: str) -> bool:
     env = {name: os.environ[name] for name in ('PATH', 'PFD_CACHE')}
     done = forked(['-q', '-p', 'no:cacheprovider', file], env=env)
@@ -422,7 +425,7 @@ WRITTEN: dict[str, tuple[Callable[[Path], Any], str, str, str]] = {
 
 @pytest.mark.parametrize('name', WRITTEN)
 def test_the_first_finding_is_written_as_a_test_that_fails_by_it(name, monkeypatch):
-    monkeypatch.setattr('pfd_ros.testing.written.subprocess.run', forked)
+    monkeypatch.setattr('pfd_ros.testing.written.subprocess', FORKS)
     record, kind, assertion, words = WRITTEN[name]
     Path('logs').mkdir()
     Path('tests').mkdir()
@@ -544,7 +547,7 @@ def test_what_cannot_be_written_is_one_line_and_no_file(words, message):
 
 
 def test_names_in_a_log_cannot_write_other_code(monkeypatch):
-    monkeypatch.setattr('pfd_ros.testing.written.subprocess.run', forked)
+    monkeypatch.setattr('pfd_ros.testing.written.subprocess', FORKS)
     hostile = 'elbow\'); raise SystemExit(3) #\n\u2028"""\\{joint}'
     rows = states([hostile, 'other'], TIMES)
     rows[50][2]['velocity'][0] = np.inf

@@ -280,6 +280,12 @@ def test_the_number_of_one_joint_is_a_setting_in_each_spelling(values):
     assert scene_of(found, np.arange(6)) == pfd.Scene(friction=found.joint_friction, brakes=True)
 
 
+def test_numbers_of_joints_are_in_published_order():
+    order = tuple(reversed(UR5.joint_names))
+    found = with_numbers({'joints': order, 'damping.elbow_joint': 2.0})
+    assert found.joint_damping == (0.0, 0.0, 0.0, 2.0, 0.0, 0.0)
+
+
 def test_joints_with_neither_a_number_of_the_model_nor_their_own_are_warned_of():
     expected = r"for \['shoulder_pan_joint', .*wrist_3_joint'\]"
     with pytest.warns(pfd.PhysicsWarning, match=expected):

@@ -33,7 +33,7 @@ from pfd_core.paper.array import literal_array
 from pfd_core.paper.array import pipeline as array_pipeline
 from pfd_core.paper.array import solve as array_solve
 from pfd_core.paper.lanes import broadcast as lane_broadcast
-from pfd_core.paper.set_ordering import literal_factor, set_ordering
+from pfd_core.paper.solve import literal_factor, set_ordering
 
 FIRST = systolic.Link((1, 0), (1, 1))
 

@@ -38,7 +38,7 @@ from pfd_core.paper import networks
 from pfd_core.paper.array import SECTION
 from pfd_core.paper.emulate import arithmetic
 from pfd_core.paper.newton_euler import record_inverse_dynamics
-from pfd_core.paper.set_ordering import set_ordering
+from pfd_core.paper.solve import set_ordering
 
 N = 6
 # Of exact arithmetic: digits, states, and an error that is convergence.

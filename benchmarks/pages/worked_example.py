@@ -25,7 +25,7 @@ from pfd_core.machine.operations import OPERATIONS
 from pfd_core.machine.recorder import Recorder, lanes_of
 from pfd_core.paper.lanes import taken
 from pfd_core.paper.patterns import levels, prefix_affine
-from pfd_core.paper.set_ordering import set_ordering
+from pfd_core.paper.solve import set_ordering
 
 # Lanes of the pictures; rows of the sets as in Appendix C.
 LANES, SETS = 6, 4

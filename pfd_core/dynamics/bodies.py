@@ -31,7 +31,7 @@ from pfd_core.dynamics.links import (
     GROUPED,
     NUMBERS,
     Body,
-    Tip,
+    Link,
     body_numbers,
     centered_links,
     grouped,
@@ -41,7 +41,7 @@ from pfd_core.dynamics.links import (
 from pfd_core.dynamics.numbers import PARAMETERS, parameters, with_inputs
 from pfd_core.machine.vectors import UPPER
 from pfd_core.model.effects import INPUT
-from pfd_core.model.geometry import merged, product
+from pfd_core.model.geometry import Placement, merged, moved
 from pfd_core.model.plant import Plant
 from pfd_core.model.robot import Payload, Robot
 from pfd_core.model.scene import Scene
@@ -108,13 +108,12 @@ def links_of(
     for k, (other, payload) in enumerate(zip(robots, payloads, strict=True)):
         bodies = own.bodies
         if other is not robot:
-            bodies, _ = _in_axes(robot, other)
+            bodies = _bodies(centered_links(robot, bodies=other))
             centered[k] = [body_numbers(body) for body in bodies]
             changes[k] = np.array([_about_origin(body) for body in bodies]) - own.about_origins
         if payload is not None:
-            R = own.tip.rotation
-            center = own.tip.p + product(R, np.asarray(payload.center))
-            held = payload.mass, center, product(R, np.asarray(payload.inertia), R.T)
+            held = payload.mass, np.asarray(payload.center), np.asarray(payload.inertia)
+            held = moved(own.tip, held)
             centered[k, -1] = body_numbers(merged(bodies[-1], held))
             changes[k, -1] = changes[k, -1] + _about_origin(held)
     found = np.tile(own.numbers[GROUPED], (size, 1, 1))
@@ -130,22 +129,21 @@ class _Own(NamedTuple):
     """Bodies of the links of a robot."""
 
     bodies: list[Body]
-    tip: Tip
+    tip: Placement
     about_origins: Array  # (n, NUMBERS)
     numbers: dict[str, Array]  # by kind, (n, NUMBERS)
 
 
 @lru_cache(KEPT)
 def _own(robot: Robot) -> _Own:
-    bodies, tip = _in_axes(robot, robot)
+    links = centered_links(robot)
+    bodies = _bodies(links)
     numbers = {kind: link_numbers(robot, kind) for kind in (CENTERED, GROUPED)}
-    return _Own(bodies, tip, np.array([_about_origin(body) for body in bodies]), numbers)
+    return _Own(bodies, links[-1].end, np.array([_about_origin(body) for body in bodies]), numbers)
 
 
-def _in_axes(robot: Robot, bodies: Robot) -> tuple[list[Body], Tip]:
-    """Return the bodies of the links of a robot in the axes of another, and the tip."""
-    links, tip = centered_links(robot, bodies=bodies)
-    return [(x.m, x.center, x.J) for x in links], tip
+def _bodies(links: Sequence[Link]) -> list[Body]:
+    return [(x.m, x.center, x.J) for x in links]
 
 
 def _about_origin(body: Body) -> Array:
@@ -157,7 +155,7 @@ def _about_origin(body: Body) -> Array:
 @lru_cache(KEPT)
 def _slopes(robot: Robot, i: int) -> Array:
     """Return the derivatives of all grouped parameters by a body on link i, (n, 10, 10)."""
-    links, _ = centered_links(robot)
+    links = centered_links(robot)
     none = _unit(NUMBERS)
     units = []
     for k in range(NUMBERS):

@@ -22,7 +22,7 @@ import math
 
 from pfd_core.dynamics.interface import input_list
 from pfd_core.dynamics.joints import Body, Joint, sum_of_angles
-from pfd_core.dynamics.links import GIVEN, GROUPED, Link, Tip, centered_links
+from pfd_core.dynamics.links import GIVEN, GROUPED, Link, centered_links
 from pfd_core.dynamics.numbers import Numbers
 from pfd_core.machine.lanes import absolute, cos, sin, where
 from pfd_core.machine.recorder import Lanes, Recorder
@@ -33,6 +33,7 @@ from pfd_core.machine.vectors import (
     symmetric_matrix,
     symmetric_sum,
 )
+from pfd_core.model.geometry import Placement
 from pfd_core.model.plant import Plant
 from pfd_core.model.robot import Robot, coupled, spread
 
@@ -50,7 +51,7 @@ class Chain:
     # Mass [kg], first moment [kg m] and inertia about the origin of B_i [kg m^2], if parameters
     # are grouped, else mass, centre of mass [m] and inertia about this.
     links: list[Body]
-    tip: Tip  # pose of frame n in axes B_n
+    tip: Placement  # pose of frame n in axes B_n
     grouped: bool
 
     def inputs(self, name: str) -> list[Lanes]:
@@ -71,18 +72,18 @@ class Chain:
 def chain_of(plant: Plant, parameters: str = GROUPED, recorder: Recorder | None = None) -> Chain:
     """Return the chain of a plant at the input q, in a new recording if none is given."""
     recorder = Recorder(1, 'sequential') if recorder is None else recorder
-    axes, tip = centered_links(plant.robot, moved=parameters != GIVEN)
+    axes = centered_links(plant.robot, moved=parameters != GIVEN)
     joints = joints_at(recorder, axes, positions(recorder, plant.robot))
     rows = Numbers(recorder, plant).all(parameters)
     links = [(row[0], row[1:4], symmetric_matrix(row[4:])) for row in rows]
     if parameters == GIVEN:
         with recorder.section('parameters'):
-            centers = [constants(recorder, x.end.p) + constants(recorder, x.arm) for x in axes]
+            centers = [constants(recorder, x.end[1]) + constants(recorder, x.arm) for x in axes]
         if not plant.external_wrench:
             # Frame n lies at the last joint, as for the methods on lanes: no input refers to it.
             centers[-1] = links[-1][1]
         links = [(m, c, J) for (m, _, J), c in zip(links, centers, strict=True)]
-    return Chain(recorder, plant, joints, links, tip, parameters == GROUPED)
+    return Chain(recorder, plant, joints, links, axes[-1].end, parameters == GROUPED)
 
 
 def positions(recorder: Recorder, robot: Robot) -> list[Lanes]:

@@ -50,7 +50,7 @@ from pfd_core.dynamics.links import centered_links
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Recorder
 from pfd_core.machine.vectors import array, constants, cross
-from pfd_core.model.geometry import product
+from pfd_core.model.geometry import composed
 from pfd_core.model.plant import Plant
 from pfd_core.model.robot import Frame, gathered, spread
 
@@ -125,11 +125,8 @@ def _joints_to(plant: Plant, frame: Frame) -> tuple[Recorder, list[Joint], LaneA
     """Return a recorder, the joints to a frame at the input q, and its pose on the last link."""
     recorder = Recorder(1, 'sequential')
     q = positions(recorder, plant.robot)
-    links = centered_links(plant.robot)[0][: frame.link]
-    R, p = frame.rotation, frame.translation
-    if links:
-        end = links[-1].end
-        R, p = product(end.rotation, R), end.p + product(end.rotation, p)
+    links = centered_links(plant.robot)[: frame.link]
+    R, p = composed(links[-1].end, frame.placement) if links else frame.placement
     joints = joints_at(recorder, links, q[: frame.link])
     return recorder, joints, constants(recorder, R), constants(recorder, p)
 

@@ -36,7 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_core.machine.vectors import UPPER
-from pfd_core.model.geometry import product, rotation_x, rotation_z
+from pfd_core.model.geometry import Placement, product, rotation_x, rotation_z
 from pfd_core.model.robot import Robot
 
 # Kinds of parameters of links, see pfd_core.dynamics.chain.
@@ -65,13 +65,6 @@ DIGITS = 50
 KEPT = 64 * 2.0**-53
 
 
-class Tip(NamedTuple):
-    """Axes of frame i, (3, 3), and its origin, (3,) [m], in axes B_i: of frame n the tip."""
-
-    rotation: Array
-    p: Array
-
-
 class Link(NamedTuple):
     """A link by the parameters that the robot is given by, in its axes B_i."""
 
@@ -79,7 +72,7 @@ class Link(NamedTuple):
     start: Angle  # theta_i at q_i = 0
     twist: Angle  # alpha_(i-1), from the axis of joint i - 1 to the axis of joint i
     p: Array  # origin of B_i at q_i = 0, in axes B_(i-1), (3,) [m]
-    end: Tip  # pose of frame i
+    end: Placement  # pose of frame i; of frame n the tip
     m: float  # mass [kg]
     center: Array  # centre of mass, (3,) [m]
     arm: Array  # the same from the origin of frame i [m]
@@ -88,7 +81,7 @@ class Link(NamedTuple):
 
 def link_numbers(robot: Robot, kind: str) -> Array:
     """Return the NUMBERS of each link, (n, NUMBERS), by the kind of parameters."""
-    links, _ = centered_links(robot, moved=kind != GIVEN)
+    links = centered_links(robot, moved=kind != GIVEN)
     if kind == GROUPED:
         return _grouped_numbers(links)
     return np.array([body_numbers((x.m, x.center, x.J)) for x in links])
@@ -149,11 +142,9 @@ def grouped(
     return result
 
 
-def centered_links(
-    robot: Robot, moved: bool = True, bodies: Robot | None = None
-) -> tuple[list[Link], Tip]:
+def centered_links(robot: Robot, moved: bool = True, bodies: Robot | None = None) -> list[Link]:
     """
-    Return the links of a robot, not grouped, base to tip, and the pose of frame n.
+    Return the links of a robot, not grouped, base to tip.
 
     Unless origins are `moved` along their axes, that of B_i is the origin of frame i-1: then no
     number is a sum, and rotations of zeros and ones round nothing but `center`. The bodies of the
@@ -178,7 +169,7 @@ def centered_links(
             before[1] * first[0] + before[0] * first[1],
         )
         slides = robot.movers[i].kind == 'prismatic'
-        end = Tip(product(rotation_x(*tilt), rotation_z(*following)), offset)
+        end = product(rotation_x(*tilt), rotation_z(*following)), offset
         links.append(Link(slides, start, twist, p, end, m, center, product(Z.T, arm), J))
         slid = _slide(offset, tilt) if moved else 0.0
         if moved and tilt[1] == 0 and i + 1 < robot.links:
@@ -187,7 +178,7 @@ def centered_links(
         if slid and tilt[1]:
             p[1] = 0.0  # exactly, without the rounding of the line above
         before, twist = following, tilt
-    return links, links[-1].end
+    return links
 
 
 def zxz(A: Array) -> tuple[Angle, Angle, Angle]:

@@ -204,6 +204,6 @@ def moment(motion: Motion, J: LaneArray) -> LaneArray:
 def less_wrench(chain: Chain, force: Force) -> Force:
     """Return force and moment of the last link minus the input wrench on it."""
     k = wrench_input(chain.recorder)
-    R, p = (constants(chain.recorder, x) for x in (chain.tip.rotation, chain.tip.p))
+    R, p = (constants(chain.recorder, x) for x in chain.tip)
     f = R @ k[:3]
     return force[0] - f, force[1] - (R @ k[3:] + cross(p, f))

@@ -13,14 +13,13 @@ The machine that the paper supposes:
 The paper's procedures, in any edition:
 
     editions       our form, the paper's form, and every misprint that can be executed
-    chain          links and their pose
+    chain          links and their pose, for twists of 0 and 90 degrees at the paper's price
     newton_euler   NE1: the equations of motion, torques, H times a vector
     composite      PCRBM: H by composite bodies, about the joints or the origin of the base
-    solve          Cholesky, L L' and L D L', with column sweeps
+    solve          Cholesky, L L' and L D L', with column sweeps; Procedure Set-Ordering and
+                   Cholesky as printed
     conjugate      PCGM: conjugate gradients
-    set_ordering   Procedure Set-Ordering and Cholesky as printed
     array          the triangular array, corrected and as printed
-    first_level    the pose for twists of 0 and 90 degrees, at the paper's price
 
 Since then, and for all of them:
 
@@ -36,8 +35,8 @@ From an equation to its function:
     (3), (4)             patterns.prefix_affine, suffix_affine
     (5) to (7)           patterns.row_sweep
     (8.a) to (10)        composite.inertia_matrix
-    (11), (12)           solve.cholesky; as printed set_ordering.literal_factor
-    (13)                 patterns.product; first_level.product_of_right_angles
+    (11), (12)           solve.cholesky; as printed solve.literal_factor
+    (13)                 patterns.product; chain.product_of_right_angles
     (14)                 chain.chain_on_lanes
     (15) to (20)         composite._composite_bodies
     (21), (22)           composite._forces: F_j and N_j of one joint serve all f_ij
@@ -48,5 +47,5 @@ From an equation to its function:
     (29) to (31)         array.circular, square; as printed array.printed_circular, printed_square
     Appendix A           composite, with the misprints (A.3) and (A.8) of editions
     section 3, App. B    conjugate.record_pcgm
-    Appendix C           set_ordering.set_ordering
+    Appendix C           solve.set_ordering
 """

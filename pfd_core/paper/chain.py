@@ -18,18 +18,27 @@ as given; 3 r and 2 r for the recurrence, whose levels k = 0 .. L - 1 pack 9 (n 
 matrices onto n lanes, r rounds in all: at n = 6 that is 51 and 34 with 160 routes, where 27 L and
 18 L with 27 routes would do without packing (81 and 54) and the paper prints 27 L - 19 = 62 and
 18 L - 14 = 40, without routes; 63 and 42 for the vectors. A prismatic joint anywhere in the chain
-adds 3 and 3. The paper's counts hold for twists of 0 and 90 degrees; for these its form takes
-them: pfd_core.paper.first_level.
+adds 3 and 3.
+
+The paper's counts hold for twists of 0 and 90 degrees, and its form takes them for these: five of
+nine elements of R_i are then 0, 1 or -1, and R_(i-1) R_i takes at most 8 and 4, or 4 and 0 if both
+twists are right angles. The paper does not say so, but a first level at this price gives item (a),
+27 L - 19 and 18 L - 14. One component of p*_i is zero, so that (14) takes 60 and 39. The zero
+elements differ from joint to joint. The k-th products of all processors, of whatever elements, are
+one step, and so are the k-th additions: (13) takes 27 (L - 1) + m multiplications and
+18 (L - 1) + a additions, m and a the most that a pair of neighbours needs; 9 L routes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from operator import add
+from itertools import product as cartesian
+from operator import add, matmul
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfd_core.dynamics.interface import input_row
 from pfd_core.machine.lanes import cos, merge, on, sin
@@ -39,9 +48,13 @@ from pfd_core.model.geometry import product
 from pfd_core.model.plant import Plant
 from pfd_core.model.robot import Robot
 from pfd_core.model.values import Array
-from pfd_core.paper import first_level, patterns
+from pfd_core.paper import patterns
 from pfd_core.paper.editions import OURS, Edition
-from pfd_core.paper.lanes import shift
+from pfd_core.paper.lanes import collect, recorder_of, shift, taken
+
+Structure = NDArray[np.float64]  # (n, 3, 3): 0, 1 or -1 where an element is known to be, else NaN
+Element = tuple[int, int]
+NINE: Sequence[Element] = tuple(cartesian(range(3), range(3)))
 
 
 @dataclass(frozen=True)
@@ -83,7 +96,7 @@ def chain_on_lanes(plant: Plant, schedule: str, edition: Edition = OURS) -> Chai
     # The paper's counts suppose twists of 0 and 90 degrees.
     square = bool(np.isin(robot.rotations, (-1.0, 0.0, 1.0)).all())
     squares = square and edition.printed and recorder.parallel
-    known = first_level.structure_of(A, robot.turning)
+    known = structure_of(A, robot.turning)
     A = rows(recorder, A)
     m, s, J = recorder.constant(robot.masses), rows(recorder, s), rows(recorder, J)
     turning, sliding = (tuple(np.flatnonzero(x).tolist()) for x in (robot.turning, ~robot.turning))
@@ -97,12 +110,12 @@ def chain_on_lanes(plant: Plant, schedule: str, edition: Edition = OURS) -> Chai
             R = array(merge(R, A))
     with recorder.section('orientation'):
         if squares:
-            R = first_level.product_of_right_angles(R, known)
+            R = product_of_right_angles(R, known)
         else:
             R = patterns.product(R, packs=not edition.printed)
     with recorder.section('link vectors'):
         z = merge(shift(R[:, 2], 1), constants(recorder, [0.0, 0.0, 1.0]))
-        p_star = first_level.times_known(R, offsets) if squares else R @ rows(recorder, offsets)
+        p_star = times_known(R, offsets) if squares else R @ rows(recorder, offsets)
         if sliding:
             p_star = merge(p_star + z * on(q, sliding), p_star)
         s, J = R @ s, rotated_symmetric(R, J)
@@ -162,3 +175,86 @@ def gravity_torques(chain: Chain, model: Plant) -> list[Lanes]:
         lifted = on(carried, chain.translational) * z
         tau = merge(along_gravity(lambda i, j, k: lifted[k]), tau)
     return [tau]
+
+
+# Twists of 0 and 90 degrees.
+
+
+def structure_of(A: Array, turning: NDArray[np.bool_]) -> Structure:
+    """Return the elements of R_i that are known at all joint positions, from A_i, (n, 3, 3)."""
+    known = np.array(A, np.float64)
+    sines = ~((A[:, :1] == 0) & (A[:, 1:2] == 0))  # a column with a sine and a cosine
+    known[:, :2][np.broadcast_to(sines & turning[:, None, None], (len(A), 2, 3))] = np.nan
+    return known
+
+
+def product_of_right_angles(R: LaneArray, structure: Structure) -> LaneArray:
+    """Return the products R(0) R(1) .. R(i), (3, 3), on lane i; R has the known elements."""
+    for k, sources in enumerate(patterns.levels(recorder_of(R), downward=False)):
+        left = taken(R, sources)
+        R = merge(_first_level(left, R, structure) if k == 0 else matmul(left, R), R)
+    return array(R)
+
+
+def times_known(R: LaneArray, vectors: Array) -> LaneArray:
+    """Return R v of constants v, (n, 3): each lane leaves out the products by its zeros."""
+    recorder = recorder_of(R)
+    result = constants(recorder, [0.0] * 3)
+    tasks = {i: [int(c) for c in np.flatnonzero(v)] for i, v in enumerate(vectors)}
+    for k, columns in enumerate(_side_by_side(tasks)):
+        v = on(recorder.constant([vectors[i, columns.get(i, 0)] for i in tasks]), columns)
+        terms = array([collect({i: R[r, c] for i, c in columns.items()}) * v for r in range(3)])
+        result = array(merge(result + terms if k else terms, result))
+    return result
+
+
+def _first_level(left: LaneArray, right: LaneArray, structure: Structure) -> LaneArray:
+    """Return R_(i-1) R_i on the lanes from 1 on; every element stays on its lane."""
+    lanes = range(1, len(structure))
+    terms = {i: {e: list(_terms(structure[i - 1], structure[i], e)) for e in NINE} for i in lanes}
+    sides = {'left': left, '-left': -left, 'right': right, '-right': -right}
+    values = {(side, e): X[e] for side, X in sides.items() for e in NINE}
+    products: dict[Any, Lanes] = {}
+
+    def value(i: int, term: Any) -> Lanes:
+        return values[term] if term in values else products[i, term]
+
+    tasks = {i: [t for own in terms[i].values() for t in own if t not in values] for i in lanes}
+    for step in _side_by_side(tasks):
+        row = collect({i: left[a] for i, (_, a, _) in step.items()}) * collect(
+            {i: right[b] for i, (_, _, b) in step.items()}
+        )
+        products |= dict.fromkeys(step.items(), row)
+    zero = left[0, 0].recorder.constant(0.0)
+    sums = {
+        (i, e): value(i, own[0]) if own else zero for i in lanes for e, own in terms[i].items()
+    }
+    more = {i: [(e, t) for e, own in terms[i].items() for t in own[1:]] for i in lanes}
+    for step in _side_by_side(more):
+        row = collect({i: sums[i, e] for i, (e, _) in step.items()}) + collect(
+            {i: value(i, term) for i, (_, term) in step.items()}
+        )
+        sums |= {(i, e): row for i, (e, _) in step.items()}
+    return array([collect({i: sums[i, e] for i in lanes}) for e in NINE]).reshape(3, 3)
+
+
+def _terms(first: NDArray[Any], second: NDArray[Any], e: Element) -> Iterator[tuple[Any, ...]]:
+    """Yield the names of the terms of an element of the product that are not zero."""
+    r, c = e
+    for k in range(3):
+        a, b = first[r, k], second[k, c]
+        if a == 0 or b == 0:
+            continue
+        if np.isnan(a) and np.isnan(b):
+            yield 'product', (r, k), (k, c)
+        elif np.isnan(a):
+            yield ('left' if b > 0 else '-left'), (r, k)
+        else:
+            # The left element is 1 or -1; a known right element is in its register.
+            yield ('right' if a > 0 else '-right'), (k, c)
+
+
+def _side_by_side(tasks: Mapping[int, Sequence[Any]]) -> list[dict[int, Any]]:
+    """Return, for each k, the k-th task of each lane that has one."""
+    most = max(map(len, tasks.values()), default=0)
+    return [{i: own[k] for i, own in tasks.items() if k < len(own)} for k in range(most)]

@@ -44,7 +44,7 @@ R_i given:
     46 L + 5 h + (n^2 + 9 n)/2 + 153 additions,  3 n divisions,  n square roots
 
 which is 348, 351, 18 and 6 at n = 6; for twists of 0 and 90 degrees, which the paper's counts
-suppose, 22 and 17 fewer (pfd_core.paper.first_level). With one lane a link, 9 (n - 1), 5 (n - 1)
+suppose, 22 and 17 fewer (pfd_core.paper.chain). With one lane a link, 9 (n - 1), 5 (n - 1)
 and n (n - 1)/2 replace 9 h, 5 h and K: 373, 361, 18 and 6. Of our form, H takes 4 L + 9 h + 42
 multiplications, 10 L + 5 h + 3 n + 32 additions and 2 divisions.
 
@@ -100,8 +100,7 @@ from pfd_core.paper.editions import (
 from pfd_core.paper.lanes import broadcast, packed, recorder_of, shift, taken
 from pfd_core.paper.newton_euler import forward_equations, torques
 from pfd_core.paper.patterns import column_sweep, prefix, row_sweep, suffix, suffix_affine
-from pfd_core.paper.set_ordering import literal_factor
-from pfd_core.paper.solve import cholesky, held_joints, solve, transposed
+from pfd_core.paper.solve import cholesky, held_joints, literal_factor, solve, transposed
 
 # The upper triangle of H: row i holds h_ij on lane j for j >= i.
 Rows = list[Lanes]

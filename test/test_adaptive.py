@@ -429,5 +429,5 @@ def test_the_length_of_the_pieces_does_not_change_a_bit(
     wanted = run()
     assert run() == wanted
     monkeypatch.setattr('pfd_core.simulation.adaptive.FIRST_OPERATIONS', 1)
-    monkeypatch.setattr('pfd_core.simulation.adaptive.PIECE_SECONDS', 1e-9)
+    monkeypatch.setattr('pfd_core.kernels.simulations.PIECE_SECONDS', 1e-9)
     assert run() == wanted

@@ -242,7 +242,7 @@ def test_workers_have_ended_their_blocks_when_the_caller_is_stopped() -> None:
         return 0
 
     with pytest.raises(KeyboardInterrupt):
-        pool.run(work, 1000, 1, 3)
+        pool.run(work, 1000, 1, pool.MAX_BLOCK_WORK, 3)
     assert 1 <= len(begun) < 1000
     assert sorted(begun) == sorted(ended)
 

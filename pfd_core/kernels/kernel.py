@@ -29,7 +29,7 @@ from pfd_core.kernels.native import simd_width
 from pfd_core.kernels.objects import python_function
 from pfd_core.kernels.recipes import Recipe, error_estimate, turned_joints
 from pfd_core.kernels.spec import KernelSpec
-from pfd_core.kernels.threads import batch_work, block_size, run, thread_count
+from pfd_core.kernels.threads import batch_work, run, thread_count
 from pfd_core.model.effects import INPUT
 from pfd_core.model.robot import Payload
 from pfd_core.model.scene import scene_inputs
@@ -262,8 +262,8 @@ class Kernel:
             result = _new_result(batch, self.shape, self.dtype, arrays['q'])
         rows = result.reshape(-1, size)
         given = [*(_as_rows(value, batch) for value in arrays.values()), rows]
-        block = block_size(len(rows), threads, self._width, self._recipe.work)
-        if run(batch_work(self._native, given), len(rows), block, threads):
+        work = batch_work(self._native, given)
+        if run(work, len(rows), self._width, self._recipe.work, threads):
             for name, value in arrays.items():
                 check_finite(name, value)
         if out is None or out is result:

@@ -6,12 +6,13 @@ Steps of a simulation in native code: `width` arms at a time, one arm in each la
     @simulate(plan)         some steps of some arms
     @accelerations(plan)    qdd of states that were written before, each of them an arm here
 
-A plan is a block of 64-bit integers (PLAN): one argument, since ctypes takes 70 ns to pass each.
-Its table has for each of `Steps.arrays` the address, and the bytes from arm to arm, from element
-to element and from step to step. An array that changes from step to step is read before each step,
-any other once. In a step a control program, if there is one, computes the torque; braked joints
-are brought to rest; the integrator takes `substeps` steps; and each `every`-th state is written.
-`finite` receives for each arm the number of steps after which its state was finite.
+A plan is a block of 64-bit integers: one argument, since ctypes takes 70 ns to pass each. Behind
+those of PLAN it has for each of `Steps.arrays` the address, and the bytes from arm to arm, from
+element to element and from step to step. An array that changes from step to step is read before
+each step, any other once. In a step a control program, if there is one, computes the torque;
+braked joints are brought to rest; the integrator takes `substeps` steps; and each `every`-th state
+is written. The number of steps after which its state was finite grows in `finite` for each arm
+that was finite before; @simulate returns whether one of the arms has fewer than `until`.
 
 Every operation on an arm is the same for each width, in the same order: so are the bits.
 """
@@ -30,7 +31,7 @@ from pfd_core.kernels.generate import (
     to_columns,
     to_rows,
 )
-from pfd_core.kernels.ir import Code
+from pfd_core.kernels.ir import Code, Variable
 from pfd_core.kernels.script import Frame, Script
 from pfd_core.machine.program import Program
 
@@ -42,9 +43,12 @@ REPORT = (*MOTION, 'qdd')
 MOTOR_TORQUE, LOW_POSITION, UNFINISHED = 'tau_motor', 'q_low', 'unfinished'
 # Outputs of a control program that are no arrays: flags that are counted, and the end of the run.
 COUNTS, STOP = 'counts', 'stop'
-# Arms from `first` to before `end`, steps from `begin` to before `until`; the last two are
-# addresses. The rows that are written are counted from step 0, and `finite` from `begin`.
-PLAN = ('first', 'end', 'begin', 'until', 'substeps', 'every', 'table', 'finite')
+# Arms from `first` to before `end`, steps from `begin` to before `until`; `apart` has the bytes
+# from one written array to the next, `finite` is an address. Written rows and finite steps are
+# counted from step 0.
+PLAN = ('first', 'end', 'begin', 'until', 'substeps', 'every', 'apart', 'finite')
+# The first of the arrays that are written.
+OUT = 'out'
 
 
 @dataclass(frozen=True)
@@ -112,7 +116,7 @@ class Steps:
     def arrays(self) -> tuple[str, ...]:
         """The arrays of the table."""
         others = [COUNTS] * (COUNTS in self._controlled) + ['qdd'] * ('qdd' not in self.written)
-        return (*self.rows, *self.given, *others, *(f'{name}.out' for name in self.written))
+        return (*self.rows, *self.given, *others, OUT)
 
     def frame(self) -> Frame:
         """Return a frame with the state, the inputs, and the results of the control."""
@@ -198,7 +202,7 @@ def _brake(steps: Steps, dynamics: Mapping[str, Program], frame: Frame) -> str:
 
 
 def _accelerations(steps: Steps, frame: Frame) -> str:
-    arms = _Arms('accelerations', steps, frame)
+    arms = _Arms('void', 'accelerations', steps, frame)
     with arms.each():
         arms.call('accelerate')
         arms.give('qdd', 'qdd')
@@ -207,8 +211,9 @@ def _accelerations(steps: Steps, frame: Frame) -> str:
 
 
 def _simulate(steps: Steps, frame: Frame) -> str:
-    arms = _Arms('simulate', steps, frame)
+    arms = _Arms('i64', 'simulate', steps, frame)
     code, plan = arms.code, arms.plan
+    lost = code.variable('i64', 0)
     controlled = () if steps.control is None else tuple(steps.control.outputs)
     # The control's outputs are those before a step, also before one that it stops.
     before = [name for name in steps.written if name in controlled]
@@ -258,20 +263,20 @@ def _simulate(steps: Steps, frame: Frame) -> str:
             wait.set(code.let(f'select i1 {due}, i64 1, i64 {later}'))
         for name in steps.rows:
             arms.give(name, name)
-        arms.report(reached.get())
-    code.ret()
+        arms.report(reached.get(), lost)
+    code.ret('i64', lost.get())
     return str(code)
 
 
 class _Arms:
     """Writer of a function that moves arms from the arrays of a plan into a frame and back."""
 
-    def __init__(self, name: str, steps: Steps, frame: Frame) -> None:
-        head = f'define void @{name}(ptr %plan)'
+    def __init__(self, kind: str, name: str, steps: Steps, frame: Frame) -> None:
+        head = f'define {kind} @{name}(ptr %plan)'
         self.code = code = Code(head, steps.dtype, steps.width)
         self._steps, self._frame, self._near = steps, frame, code.array(frame.size)
         self._register = code.width * code.bytes
-        kinds = ['i64'] * (len(PLAN) - 2) + ['ptr', 'ptr']
+        kinds = ['i64'] * (len(PLAN) - 1) + ['ptr']
         self.plan = {
             name: code.load(kind, code.at('%plan', k, 8))
             for k, (name, kind) in enumerate(zip(PLAN, kinds, strict=True))
@@ -279,7 +284,7 @@ class _Arms:
         # Of each array the address, and bytes between arms, elements and steps.
         self._table = {
             name: [
-                code.load(kind, code.at(self.plan['table'], 4 * k + j, 8))
+                code.load(kind, code.at('%plan', len(PLAN) + 4 * k + j, 8))
                 for j, kind in enumerate(('ptr', 'i64', 'i64', 'i64'))
             ]
             for k, name in enumerate(steps.arrays)
@@ -314,7 +319,8 @@ class _Arms:
     def write(self, names: Sequence[str], row: str) -> None:
         """Copy arrays of the frame to a row of those that are written."""
         for name in names:
-            self.give(name, f'{name}.out', row)
+            k = self._steps.written.index(name)
+            self._move(name, OUT, row, False, self.code.integer('mul', self.plan['apart'], k))
 
     def call(self, name: str) -> None:
         """Call a function of a frame."""
@@ -336,24 +342,28 @@ class _Arms:
             one = code.let(f'zext i1 {code.above(self.element(COUNTS, k))} to i64')
             code.store('i64', code.integer('add', code.load('i64', place), one), place)
 
-    def report(self, reached: str) -> None:
-        """Write a number for each arm to `finite`; lanes beyond the last arm repeat it."""
-        code = self.code
-        lanes, there = code.array(1, code.index), code.at(self.plan['finite'], self._first, 8)
+    def report(self, reached: str, lost: Variable) -> None:
+        """Add finite steps of each arm; lanes beyond the last arm repeat it, and add none."""
+        code, plan = self.code, self.plan
+        lanes, there = code.array(1, code.index), code.at(plan['finite'], self._first, 8)
         code.store(code.index, reached, lanes)
         with code.loop(code.width) as lane:
-            number = code.load('i64', code.at(lanes, lane, 8))
-            code.store('i64', number, code.at(there, code.least(lane, self._last), 8))
+            place = code.at(there, code.least(lane, self._last), 8)
+            number = code.integer('add', plan['begin'], code.load('i64', code.at(lanes, lane, 8)))
+            with code.when(code.test('eq', code.load('i64', place), plan['begin'])):
+                code.store('i64', number, place)
+            with code.when(code.test('ne', code.load('i64', place), plan['until'])):
+                lost.set(1)
 
     def element(self, name: str, k: int) -> str:
         """Return one element of an array of the frame."""
         first = self._frame.place(name, self._frame.length(name))
         return self.code.read(self._near, first + k, self._register)
 
-    def _move(self, name: str, there: str, step: object, inward: bool) -> None:
+    def _move(self, name: str, there: str, step: object, inward: bool, on: object = 0) -> None:
         code, size = self.code, self._frame.length(name)
         base, arm, element, later = self._table[there]
-        start = code.at(code.at(base, self._first, arm), step, later)
+        start = code.at(code.at(code.at(base, on), self._first, arm), step, later)
         near = code.at(self._near, self._frame.place(name, size), self._register)
         function = f'arms_{"in" if inward else "out"}{size}'
         strides = f'i64 {arm}', f'i64 {element}'

@@ -10,14 +10,13 @@ Simulations in native code: the programs of a step and its dynamics, over all st
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 import ctypes
 from dataclasses import dataclass, replace
 from functools import cache
 import hashlib
-
-import numpy as np
-from numpy.typing import NDArray
+import math
+import time
 
 from pfd_core.dynamics.numbers import PARAMETERS, count
 from pfd_core.forking import load
@@ -41,9 +40,10 @@ from pfd_core.model.effects import INERTIA, JOINTS, LINKS, MOTORS
 from pfd_core.model.plant import Plant, has_drives
 from pfd_core.model.values import Array
 
-# A row of the table of a plan: an address, and bytes from arm to arm, element and step.
-Row = tuple[int, int, int, int]
-UNTIL, TABLE = PLAN.index('until'), len(PLAN)
+# Python looks for signals between the pieces of a run. One may take this many seconds, by the time
+# that the one before took. A step is never cut.
+PIECE_SECONDS = 0.05
+UNTIL, EVERY, APART, FINITE = map(PLAN.index, ('until', 'every', 'apart', 'finite'))
 
 
 @dataclass(frozen=True)
@@ -51,19 +51,12 @@ class NativeSteps:
     """Steps of a simulation in native code; pointers are given as addresses."""
 
     steps: Steps
-    arrays: tuple[str, ...]  # of the table of a plan
+    places: Mapping[str, int]  # of arrays in a plan
     work: int  # operations of the evaluations in one call of the integrator's step
-    simulate: Callable[[int], None]  # @simulate (pfd_core.kernels.simulate)
+    simulate: Callable[[int], int]  # @simulate (pfd_core.kernels.simulate)
     accelerations: Callable[[int], None] | None  # @accelerations, unless they are written
     digest: str  # of all its programs
     native: Native  # owner of the code
-
-
-def table_row(array: Array) -> Row:
-    """Return the row of an array, ([arms, [steps,]] elements)."""
-    *outer, element = array.strides
-    arm, step = (*outer, 0, 0)[:2]
-    return address(array), arm, element, step
 
 
 class Plan:
@@ -74,61 +67,73 @@ class Plan:
     ----------
     native : NativeSteps
         The code.
-    rows : mapping
-        Row of each array by name. What lacks one is read from, and written to, a spare number.
+    arrays : mapping
+        Arrays by name, ([arms, [steps,]] elements). The code reads a spare number for those that
+        it lacks, and writes it; it takes no notice of others.
     substeps : int
         Steps of the integrator in a step.
     arms : int
         Number of arms.
-    every : int
-        Steps between two states that are written.
 
     """
 
     def __init__(
-        self,
-        native: NativeSteps,
-        rows: Mapping[str, Row],
-        substeps: int = 1,
-        arms: int = 1,
-        every: int = 1,
+        self, native: NativeSteps, arrays: Mapping[str, Array], substeps: int = 1, arms: int = 1
     ) -> None:
-        self._simulate, self._accelerations = native.simulate, native.accelerations
-        self._names = native.arrays
-        count = TABLE + 4 * len(native.arrays)
-        self._numbers, self._finite = array('q', bytes(8 * (count + 1 + arms))), count + 1
-        self._at, _ = self._numbers.buffer_info()
-        spare = self._at + 8 * count
-        plan = [0, arms, 0, 1, substeps, every, self._at + 8 * TABLE, spare + 8]
-        for name in native.arrays:
-            plan += rows.get(name, (spare, 0, 0, 0))
-        self._numbers[:count] = array('q', plan)
-
-    @property
-    def finite(self) -> NDArray[np.int64]:
-        """Number of steps of the last run after which each arm's state was finite, (arms,)."""
-        return np.frombuffer(self._numbers, np.int64)[self._finite :]
-
-    def addresses(self, *names: str) -> tuple[array[int], list[int]]:
-        """Return the numbers of the plan, and where the address of each of these arrays is."""
-        return self._numbers, [TABLE + 4 * self._names.index(name) for name in names]
+        self.native = native
+        rows = len(native.steps.arrays)
+        # Behind the plan the spare number, and the finite steps of one arm.
+        self.numbers = array('q', bytes(8 * (len(PLAN) + 4 * rows + 2)))
+        self._at, end = self.numbers.buffer_info()
+        spare, finite = self._at + 8 * (end - 2), self._at + 8 * (end - 1)
+        plan = [0, arms, 0, 1, substeps, 1, 0, finite, *[spare, 0, 0, 0] * rows]
+        self.numbers[: len(plan)] = array('q', plan)
+        self._place({k: x for k, x in arrays.items() if k in native.places}, self.numbers)
 
     def run(self, steps: int) -> int:
         """Take some steps, at least one, of one arm; return after how many it was finite."""
-        self._numbers[UNTIL] = steps
-        self._simulate(self._at)
-        return self._numbers[self._finite]
+        self.numbers[UNTIL], self.numbers[-1] = steps, 0
+        self.native.simulate(self._at)
+        return self.numbers[-1]
 
-    def run_block(self, begin: int, until: int, first: int, size: int) -> int:
-        """Take the steps from `begin` to before `until` of some of the arms."""
-        head = array('q', [first, first + size, begin, until]) + self._numbers[4:TABLE]
-        self._simulate(head.buffer_info()[0])
-        return 0
+    def with_arrays(self, arrays: Mapping[str, Array]) -> array[int]:
+        """Return the numbers with further arrays, for as long as the plan is there."""
+        return self._place(arrays, self.numbers[:])
 
-    def accelerations(self) -> None:
-        """Write qdd of each arm."""
-        assert self._accelerations is not None
-        self._accelerations(self._at)
+    def accelerations(self, qdd: Array) -> None:
+        """Write qdd of each arm, ([arms,] n)."""
+        assert self.native.accelerations is not None
+        numbers = self.with_arrays({'qdd': qdd})
+        self.native.accelerations(numbers.buffer_info()[0])
+
+    def _place(self, arrays: Mapping[str, Array], numbers: array[int]) -> array[int]:
+        """Write the address of each array, and bytes from arm to arm, element and step."""
+        for name, x in arrays.items():
+            place = self.native.places[name]
+            *outer, element = x.strides
+            arm, step = (*outer, 0, 0)[:2]
+            numbers[place : place + 4] = array('q', (address(x), arm, element, step))
+        return numbers
+
+
+def run_block(
+    native: NativeSteps, plan: array[int], begin: int, until: int, first: int, size: int
+) -> int:
+    """Take the steps from `begin` to before `until` of some arms; return whether one is lost."""
+    own = array('q', [first, first + size, begin, until]) + plan[4:]
+    return native.simulate(own.buffer_info()[0])
+
+
+def pieces(steps: int, first: int, most: float = math.inf) -> Iterator[tuple[int, int]]:
+    """Cut a run into pieces of PIECE_SECONDS and at most `most` steps, the first of `first`."""
+    begin, count = 0, max(first, 1)
+    while begin < steps:
+        until = int(min(begin + count, begin + most, steps))
+        began = time.perf_counter()
+        yield begin, until
+        spent = max(time.perf_counter() - began, 1e-9)
+        count = max(1, min(2 * count, int((until - begin) * PIECE_SECONDS / spent)))
+        begin = until
 
 
 # Writes @advance and @accelerate, and what they call: from the steps, the lowered programs and
@@ -233,13 +238,17 @@ def compile_steps(
         branching(main) if step.contact else None,
         described,
     )
-    function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
+    kind = ctypes.CFUNCTYPE
+    places = {name: len(PLAN) + 4 * k for k, name in enumerate(steps.arrays)}
+    if PARAMETERS in places:
+        # The name in recorded states.
+        places['payload'] = places[PARAMETERS]
     return NativeSteps(
         steps,
-        steps.arrays,
-        main.work * step.evaluations,
-        function(native['simulate']),
-        function(native['accelerations']) if sampled else None,
+        places,
+        max(main.work * step.evaluations, 1),
+        kind(ctypes.c_int64, ctypes.c_void_p)(native['simulate']),
+        kind(None, ctypes.c_void_p)(native['accelerations']) if sampled else None,
         native.facts.digest,
         native,
     )

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_core.kernels.native import Native
+from pfd_core.kernels.objects import ArrayObject, supported
 from pfd_core.model.values import integer
 
 # Up to this work the caller computes a batch alone: half of it takes as long as a worker needs to
@@ -71,30 +72,21 @@ def thread_count(threads: object) -> int:
     return min(integer('threads', threads, 0, math.inf) or cores(), cores())
 
 
-def block_size(count: int, threads: int, width: int, operations: int) -> int:
-    """
-    Return the size of a block of a batch, a multiple of the vector width.
-
-    It is the part of a thread, unless that has too little or too much work: each register of
-    `width` states takes so many operations.
-    """
-    least, most = (
-        max(limit // max(operations, 1), 1) for limit in (MIN_BLOCK_WORK, MAX_BLOCK_WORK)
-    )
-    registers = -(-count // width)
-    single = threads == 1 or registers * operations <= SINGLE_THREAD_WORK
-    part = registers if single else max(-(-registers // threads), least)
-    return width * max(min(part, most), 1)
-
-
-def run(work: Callable[[int, int], int], count: int, block: int, threads: int) -> int:
+def run(
+    work: Callable[[int, int], int], count: int, width: int, operations: int, threads: int
+) -> int:
     """
     Return the or-ed flags of work on the blocks of a batch, shared by at most so many threads.
 
-    `work(first, size)` computes `size` of `count` states from `first` on, and returns flags. An
-    exception in the caller (KeyboardInterrupt) is passed on once the workers have ended their
-    blocks.
+    `work(first, size)` computes `size` of `count` states from `first` on, and returns flags; each
+    register of `width` states takes so many operations. A block is the part of a thread, unless
+    that has too little or too much work. An exception in the caller (KeyboardInterrupt) is passed
+    on once the workers have ended their blocks.
     """
+    part = registers = -(-count // width)
+    if threads > 1 and registers * operations > SINGLE_THREAD_WORK:
+        part = max(-(-registers // threads), MIN_BLOCK_WORK // operations)
+    block = width * max(min(part, MAX_BLOCK_WORK // max(operations, 1)), 1)
     if 0 < count <= block:
         return work(0, count)
     starts = range(0, count, block)
@@ -133,9 +125,10 @@ def run(work: Callable[[int, int], int], count: int, block: int, threads: int) -
 
 
 def address(array: NDArray[Any]) -> int:
-    """Return the address of an array; `array.ctypes.data` takes three times as long."""
-    place: int = array.__array_interface__['data'][0]
-    return place
+    """Return the address of an array, from its object: NumPy takes five times as long."""
+    if not supported():
+        return int(array.ctypes.data)
+    return ArrayObject.from_address(id(array)).data or 0
 
 
 def batch_work(code: Native, rows: Sequence[NDArray[Any]]) -> Callable[[int, int], int]:

@@ -34,8 +34,8 @@ DTYPES = ('float64', 'float32')
 _NATIVE = {name: np.dtype(name) for name in DTYPES}
 # Elements of a list that NumPy converts without losing a mask, units or a bool.
 _PLAIN = frozenset({float, int, np.float64})
-# Python takes less time than NumPy for the joints of one arm.
-_FEW = 16
+# Python takes less time than NumPy for the joints of one arm, in some steps.
+_FEW = 100
 # Decimal digits, as C and XML Schema write numbers: no digits of other scripts, no underscores,
 # no hexadecimals, all of which float() or strtod() take.
 _NUMBER = re.compile(r'[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?')

@@ -23,7 +23,6 @@ import ctypes
 from dataclasses import dataclass, field
 from functools import lru_cache
 import math
-import time
 import warnings
 
 import numpy as np
@@ -32,7 +31,7 @@ from numpy.typing import ArrayLike
 from pfd_core.dynamics.bodies import payload_inputs
 from pfd_core.kernels.compile import CACHED_KERNELS
 from pfd_core.kernels.objects import supported
-from pfd_core.kernels.simulations import AdaptiveSteps, compile_adaptive
+from pfd_core.kernels.simulations import AdaptiveSteps, compile_adaptive, pieces
 from pfd_core.kernels.spec import STEP, KernelSpec
 from pfd_core.kernels.threads import address
 from pfd_core.model.effects import INPUT
@@ -51,9 +50,7 @@ TorqueLaw = Callable[[float, Array, Array], ArrayLike]
 # Part of the tolerance that a step may use: the errors of all steps add up, and the arm amplifies
 # them. A tenth costs a third more steps.
 SHARE = 0.1
-# A run is split into pieces, between which Python handles signals. A piece may take this many
-# seconds, estimated from the piece before; the first piece has this many operations.
-PIECE_SECONDS = 0.05
+# Operations of the first piece of a run.
 FIRST_OPERATIONS = 1_000_000
 # Most attempts in a piece: as many rows of arrays are kept for their steps.
 MOST_ATTEMPTS = 10_000
@@ -271,21 +268,18 @@ def _advanced(
     arrays['law'].view(np.int64)[:] = 0 if law is None else id(law)
     names = WRITTEN if arrays['wanted'] else WRITTEN[:-1]
     ends = np.cumsum([len(arrays[name]) for name in names])
-    pieces, tried = [], 0
-    count = max(1, FIRST_OPERATIONS // max(1, steps.work))
-    while tried < max_steps and not arrays['status']:
-        count = min(count, max_steps - tried, MOST_ATTEMPTS)
-        began = time.perf_counter()
+    parts = []
+    first = FIRST_OPERATIONS // max(1, steps.work)
+    for begin, until in pieces(max_steps, first, MOST_ATTEMPTS):
         # The first call writes the start, too. The frame begins with the time.
-        out = np.empty((count + 1, ends[-1]))
-        run(count, address(arrays['time']), address(out))
+        out = np.empty((until - begin + 1, ends[-1]))
+        run(until - begin, address(arrays['time']), address(out))
         written = out[: arrays['rows'].view(np.int64)[0]]
-        pieces.append(np.split(written, ends[:-1], axis=1))
-        tried += count
-        spent = max(time.perf_counter() - began, 1e-9)
-        count = max(1, min(2 * count, int(count * PIECE_SECONDS / spent)))
+        parts.append(np.split(written, ends[:-1], axis=1))
+        if arrays['status']:
+            break
     return {
-        name: np.concatenate(x) for name, x in zip(names, zip(*pieces, strict=True), strict=True)
+        name: np.concatenate(x) for name, x in zip(names, zip(*parts, strict=True), strict=True)
     }
 
 

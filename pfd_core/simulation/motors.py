@@ -15,6 +15,7 @@ the bits of single steps.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,15 +27,14 @@ from pfd_core.dynamics.actuators import (
     record_actuators,
 )
 from pfd_core.forking import cached_property
-from pfd_core.kernels.simulate import MOTION
-from pfd_core.kernels.simulations import NativeSteps, Plan
+from pfd_core.kernels.simulate import MOTION, OUT
+from pfd_core.kernels.simulations import APART, NativeSteps, Plan
 from pfd_core.model.robot import Payload
 from pfd_core.model.values import Array, quote, real_array
 from pfd_core.simulation.simulator import Simulator
-from pfd_core.simulation.state import SimulationState, native_rows
+from pfd_core.simulation.state import SimulationState
 
-# What is written after each step, and the flag of an effort that jumped.
-OUT = ('q.out', 'qd.out', 'acting.out')
+# The flag of an effort that jumped.
 JUMPED = FLAGS.index('jumped')
 
 
@@ -156,21 +156,22 @@ class MotorSimulator(Simulator):
         n = self._robot.n
         if not isinstance(motors, MotorState):
             raise ValueError(f'motors must be a MotorState, got {quote(motors)}')
-        kinds = {'peaks': (self._dtype, n), 'before': (self._dtype, n)}
-        for name, (kind, size) in (kinds | {'counts': ('int64', len(FLAGS))}).items():
-            array = getattr(motors, name)
-            fits = isinstance(array, np.ndarray) and array.flags.carray
-            if not fits or (array.dtype, array.shape) != (kind, (size,)):
-                raise ValueError(f'motors.{name} must be an array ({size},) of {kind}')
-        rows = real_array('limits', limits, self._dtype, (len(MOTOR_ROWS), n), finite=False)
-        if not (rows >= 0.0).all():
-            raise ValueError('limits must be zero or more')
         shape = (len(TARGET_ROWS), n)
         if targets is None:
             targets = np.full(shape, np.nan, self._dtype)
-        fits = isinstance(targets, np.ndarray) and targets.flags.carray
-        if not fits or targets.dtype != self._dtype or targets.shape != shape:
-            raise ValueError(f'targets must be an array {shape} of {self._dtype}, C-ordered')
+        in_place: dict[str, tuple[Any, Any, tuple[int, ...]]] = {
+            'motors.peaks': (motors.peaks, self._dtype, (n,)),
+            'motors.before': (motors.before, self._dtype, (n,)),
+            'motors.counts': (motors.counts, 'int64', (len(FLAGS),)),
+            'targets': (targets, self._dtype, shape),
+        }
+        for name, (array, kind, own) in in_place.items():
+            fits = isinstance(array, np.ndarray) and array.flags.carray
+            if not fits or (array.dtype, array.shape) != (kind, own):
+                raise ValueError(f'{name} must be an array {own} of {kind}, C-ordered')
+        rows = real_array('limits', limits, self._dtype, (len(MOTOR_ROWS), n), finite=False)
+        if not (rows >= 0.0).all():
+            raise ValueError('limits must be zero or more')
         return Cycles(self, self._own(state), motors, rows.copy(order='C'), targets)
 
     def _check_state(self, state: SimulationState) -> None:
@@ -202,16 +203,17 @@ class Cycles:
     ) -> None:
         self.state = state
         self._simulator, self._motors, self._limits = simulator, motors, limits
-        n, size, native = simulator.robot.n, limits.itemsize, simulator._native
+        native = simulator._native
         # Native code reads them where they are.
         self._targets = targets
         own = {'motors': limits.ravel(), 'targets': targets.ravel()}
         own |= {'wanted': motors.before, 'peaks': motors.peaks, 'counts': motors.counts}
-        rows = state.rows | native_rows(own) | {'efforts': (0, 0, size, n * size)}
-        rows |= dict.fromkeys(OUT, (0, 0, size, 3 * n * size))
-        self._plan = Plan(native, rows, simulator.substeps)
-        self._numbers, self._at = self._plan.addresses('efforts', *OUT)
-        self._row, self._places = n * size, (0, 0)
+        # Of one step, for the bytes from step to step: each run has others.
+        efforts, out = (np.empty((1, 1, rows, simulator.robot.n), limits.dtype) for rows in (1, 3))
+        own |= {'efforts': efforts[:, :, 0], OUT: out[:, :, 0]}
+        self._plan = Plan(native, state.arrays | own, simulator.substeps)
+        self._plan.numbers[APART] = out.strides[2]
+        self._at = native.places['efforts'], native.places[OUT]
 
     def run(self, efforts: Array, out: Array) -> int:
         """
@@ -234,13 +236,9 @@ class Cycles:
 
     def run_at(self, efforts: int, out: int, steps: int) -> int:
         """Do as `run`, on arrays given by their addresses, without checks."""
-        state, motors = self.state, self._motors
-        if self._places != (efforts, out):
-            self._places = efforts, out
-            # Written out: this may come with each step, of a microsecond.
-            numbers, row, (tau, q, qd, acting) = self._numbers, self._row, self._at
-            numbers[tau], numbers[q] = efforts, out
-            numbers[qd], numbers[acting] = out + row, out + 2 * row
+        state, motors, numbers = self.state, self._motors, self._plan.numbers
+        wanted, written = self._at
+        numbers[wanted], numbers[written] = efforts, out
         motors.counts[JUMPED] = 0
         finite = self._plan.run(steps)
         state.steps += finite

@@ -5,11 +5,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from copy import deepcopy
 from functools import partial
 import math
-import time
 from typing import Any, TypeVar
 import warnings
 
@@ -18,10 +17,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.dynamics.parameters import Arms
 from pfd_core.forking import cached_property
-from pfd_core.kernels.simulate import LOW_POSITION, MOTOR_TORQUE, UNFINISHED
-from pfd_core.kernels.simulations import NativeSteps, Plan, compile_steps
+from pfd_core.kernels.simulate import LOW_POSITION, MOTOR_TORQUE, OUT, UNFINISHED
+from pfd_core.kernels.simulations import (
+    APART,
+    EVERY,
+    FINITE,
+    NativeSteps,
+    compile_steps,
+    pieces,
+    run_block,
+)
 from pfd_core.kernels.spec import STEP, KernelSpec
-from pfd_core.kernels.threads import address, block_size, run
+from pfd_core.kernels.threads import address, run
 from pfd_core.machine.program import Program
 from pfd_core.model.effects import INPUT
 from pfd_core.model.plant import Plant, check_joint_inertia, resolve
@@ -42,7 +49,7 @@ from pfd_core.simulation.native import step_code
 from pfd_core.simulation.state import (
     SimulationState,
     check_angles,
-    native_rows,
+    plan_of,
     positions_grow,
     split_turns,
 )
@@ -51,10 +58,7 @@ from pfd_core.simulation.tableaux import TABLEAUX
 
 # A step of more substeps than this is better cut into several.
 SUBSTEPS_AT_MOST = 100_000
-# A rollout runs in pieces, between which Python looks for signals. A piece may take this many
-# seconds, by the time that the one before took; the first has this many operations, as if no step
-# had events. A step is never cut.
-PIECE_SECONDS = 0.05
+# Operations of the first piece of a rollout, as if no step had events.
 FIRST_WORK = 10_000_000
 Self = TypeVar('Self', bound='Simulation')
 
@@ -387,34 +391,27 @@ class Simulation(ABC):
         Returns the times of the states after `every`, 2 `every`, ... steps, what native code
         writes then, (arrays, arms, times, n), the status, and the finite steps of each arm.
         """
-        now, names, arms = self._now, native.steps.written, math.prod(self._batch)
-        begun = now.steps
+        start, begun, arms = self._now.start, self._now.steps, math.prod(self._batch)
+        width, work = native.steps.width, native.work * self._substeps
         # One block: the C library would give the pages of several back when the caller drops them,
         # and the next rollout would take a third longer.
-        shape = len(names), arms, steps // every, self._robot.n
+        shape = len(native.steps.written), arms, steps // every, self._robot.n
         written = np.empty(shape, self._dtype)
-        place, (apart, arm, step, element) = address(written), written.strides
-        rows = native_rows(given) | {
-            f'{name}.out': (place + k * apart, arm, element, step) for k, name in enumerate(names)
-        }
-        finite_steps, finite = np.zeros(arms, np.int64), True
-        width, work = native.steps.width, max(native.work, 1) * self._substeps
+        arrays, finite_steps, lost = {**given, OUT: written[0]}, np.zeros(arms, np.int64), 0
         for begin, until in pieces(steps, FIRST_WORK // (work * -(-arms // width))):
             following = self._copied_state()
             for name in following.arrays.keys() & given.keys():
                 last = given[name][0]
                 following.arrays[name][:] = last[until - 1] if last.ndim > 1 else last
-            plan = Plan(native, following.rows | rows, self._substeps, arms, every)
-            block = block_size(arms, threads, width, work * (until - begin))
-            run(partial(plan.run_block, begin, until), arms, block, threads)
-            if begin:
-                finite_steps += np.where(finite_steps == begin, plan.finite, 0)
-            else:
-                finite_steps = plan.finite
-            finite = bool(finite_steps.min() == until)
-            self._make_valid(following, until - begin, finite)
-        times = now.start + self._step_size * np.arange(begun + every, begun + steps + 1, every)
-        status = 'ok' if finite else self._why_not_finite(self._now)
+            plan = plan_of(following, native, self._substeps).with_arrays(arrays)
+            plan[EVERY], plan[APART] = every, written.strides[0]
+            plan[FINITE] = address(finite_steps)
+            steps_of = partial(run_block, native, plan, begin, until)
+            lost = run(steps_of, arms, width, work * (until - begin), threads)
+            self._make_valid(following, until - begin, not lost)
+        times = np.arange(begun + every, begun + steps + 1, every, dtype=float)
+        times = start + self._step_size * times
+        status = self._why_not_finite(self._now) if lost else 'ok'
         return times, written, status, finite_steps
 
     def _make_valid(self, following: SimulationState, steps: int, finite: bool) -> None:
@@ -454,15 +451,3 @@ def _check(plants: Mapping[str, Plant], rule: Callable[[Plant], None]) -> None:
             rule(plant)
         except ValueError as error:
             raise ValueError(f'{label}{error}') from error
-
-
-def pieces(steps: int, first: int) -> Iterator[tuple[int, int]]:
-    """Cut a rollout into pieces of PIECE_SECONDS, the first one of so many steps."""
-    begin, count = 0, max(first, 1)
-    while begin < steps:
-        until = min(begin + count, steps)
-        began = time.perf_counter()
-        yield begin, until
-        spent = max(time.perf_counter() - began, 1e-9)
-        count = max(1, min(2 * count, int((until - begin) * PIECE_SECONDS / spent)))
-        begin = until

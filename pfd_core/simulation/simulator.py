@@ -24,13 +24,13 @@ from numpy.typing import ArrayLike
 from pfd_core.dynamics.bodies import payload_inputs, payload_numbers
 from pfd_core.forking import cached_property
 from pfd_core.kernels.simulate import MOTION, MOTOR_TORQUE
-from pfd_core.kernels.simulations import NativeSteps, Plan, table_row
+from pfd_core.kernels.simulations import NativeSteps, Plan
 from pfd_core.model.effects import INPUT
 from pfd_core.model.plant import check_joint_inertia, resolve
 from pfd_core.model.robot import Payload
 from pfd_core.model.values import Array, quote, real_array
 from pfd_core.simulation.simulation import Simulation
-from pfd_core.simulation.state import SimulationState, native_rows
+from pfd_core.simulation.state import SimulationState, plan_of
 from pfd_core.simulation.stiffness import check_springs
 from pfd_core.simulation.trajectory import Trajectory
 
@@ -113,7 +113,7 @@ class Simulator(Simulation):
     def _accelerations_of(self, state: SimulationState) -> Array:
         qdd = np.zeros(self._robot.n, self._dtype)
         if state.steps:
-            Plan(self._native, state.rows | {'qdd': table_row(qdd)}).accelerations()
+            plan_of(state, self._native, self._substeps).accelerations(qdd)
         return qdd
 
     def prepare_payload(self, payload: Payload | None) -> None:
@@ -185,9 +185,8 @@ class Simulator(Simulation):
         following.arrays['tau'][:] = row
         for name, value in inputs.items():
             following.arrays[name][:] = value
-        if following.plan is None:
-            following.plan = Plan(self._plain, following.rows, self._substeps)
-        self._make_valid(following, 1, following.plan.run(1) == 1)
+        plan = plan_of(following, self._plain, self._substeps)
+        self._make_valid(following, 1, plan.run(1) == 1)
 
     def rollout(
         self,
@@ -220,18 +219,17 @@ class Simulator(Simulation):
         # Copies: the caller may change the arguments before the accelerations are read.
         rows = real_array(
             'taus', taus, self._dtype, ('steps', self._robot.n), joints=self._robot.joint_names
-        ).copy(order='C')
-        inputs = {name: x.copy() for name, x in self._all_inputs(wrench, brakes, payload).items()}
-        given = {name: x[np.newaxis] for name, x in (inputs | {'tau': rows}).items()}
-        time, written, status, (finite_steps,) = self._rollout(self._plain, given, len(rows))
-        motion = dict(zip(self._plain.steps.written, written[:, 0], strict=True))
+        )
+        inputs = self._all_inputs(wrench, brakes, payload) | {'tau': rows}
+        given = {name: x[np.newaxis].copy() for name, x in inputs.items()}
+        time, written, status, finite_steps = self._rollout(self._plain, given, len(rows))
         return Trajectory(
             time=time,
-            q=motion['q'],
-            qd=motion['qd'],
-            _qdd=partial(_accelerations, self._plain, inputs | {'tau': rows} | motion),
+            q=written[0, 0],
+            qd=written[1, 0],
+            _qdd=partial(_accelerations, self._plain, given, written),
             status=status,
-            finite_steps=int(finite_steps),
+            finite_steps=finite_steps.item(),
         )
 
     def _all_inputs(
@@ -245,14 +243,11 @@ class Simulator(Simulation):
         return inputs
 
 
-def _accelerations(native: NativeSteps, arrays: Mapping[str, Array]) -> Array:
-    """
-    Return the accelerations of some states: of each row of the array q, (states, n).
-
-    The torque and the other inputs are arrays with a row for each state, or the same for all.
-    """
-    qdd: Array = np.empty_like(arrays['q'])
+def _accelerations(native: NativeSteps, given: Mapping[str, Array], written: Array) -> Array:
+    """Return the accelerations of the states of a rollout, each of them an arm here."""
+    states = dict(zip(native.steps.written, written[:, 0], strict=True))
+    qdd: Array = np.empty_like(states['q'])
     if len(qdd):
-        rows = native_rows({**arrays, 'qdd': qdd})
-        Plan(native, rows, arms=len(qdd)).accelerations()
+        arrays = {name: x[0] for name, x in given.items()} | states
+        Plan(native, arrays, arms=len(qdd)).accelerations(qdd)
     return qdd

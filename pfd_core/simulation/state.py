@@ -16,13 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.dynamics.numbers import PARAMETERS
-from pfd_core.kernels.simulations import Plan, Row, table_row
+from pfd_core.kernels.simulations import NativeSteps, Plan
 from pfd_core.model.robot import Robot
 from pfd_core.model.values import Array, check_finite
 
-# Name in native code of an array with another name here: recorded states have a payload.
-NATIVE = {'payload': PARAMETERS}
 # Larger angles [rad] have lost more than 2e-7 rad in float64 and 1e-4 rad in float32 already.
 LARGEST_ANGLE = {'float64': 2.0**30, 'float32': 2.0**10}
 # 2 pi as a sum. Products with up to 2^30 turns are exact, except for the last part.
@@ -41,8 +38,6 @@ class SimulationState:
     ----------
     arrays : dict of numpy.ndarray
         State and last inputs by name; views of one block.
-    rows : dict
-        Their rows in native code: NumPy takes longer to return them than an arm takes to step.
     start : float
         Time of the state before the first step [s].
     steps : int
@@ -50,7 +45,7 @@ class SimulationState:
     status : str
         'ok', or 'not_finite' or 'too_many_events', see Simulation.status.
     plan : Plan or None
-        What native code does with the arrays in one step; never copied.
+        What native code did with the arrays last; never copied.
 
     """
 
@@ -63,7 +58,6 @@ class SimulationState:
             name: part.reshape(shape)
             for (name, shape), part in zip(shapes.items(), parts, strict=True)
         }
-        self.rows = native_rows(self.arrays)
         self.start, self.steps, self.status = 0.0, 0, 'ok'
         self.plan: Plan | None = None
 
@@ -96,9 +90,11 @@ def _restored(shapes: dict[str, tuple[int, ...]], dtype: str, state: Any) -> Sim
     return buffer
 
 
-def native_rows(arrays: Mapping[str, Array]) -> dict[str, Row]:
-    """Return the rows of arrays, ([arms, [steps,]] elements), by their names in native code."""
-    return {NATIVE.get(name, name): table_row(array) for name, array in arrays.items()}
+def plan_of(state: SimulationState, native: NativeSteps, substeps: int) -> Plan:
+    """Return what native code does with a buffer, kept while the code is the same."""
+    if state.plan is None or state.plan.native is not native:
+        state.plan = Plan(native, state.arrays, substeps)
+    return state.plan
 
 
 def split_turns(q: Array, low: Array | None, turning: Array) -> tuple[Array, Array]:

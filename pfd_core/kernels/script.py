@@ -110,12 +110,8 @@ class Script:
         self.code = Code(f'define internal void @{name}({parameters}){attribute}', dtype, width)
         self._frame, self._dynamics, self._programs = frame, dynamics, programs
         self._inline = inline
-        self._places = dict(places)
+        self._places = places
         self._step = width * self.code.bytes
-
-    def add(self, name: str, size: int) -> None:
-        """Use an array of the function's own, which LLVM may keep in registers, for a name."""
-        self._places[name] = self.code.array(size)
 
     def at(self, name: str, size: int = 0) -> str:
         """Return the address of an array; a new one has a size."""

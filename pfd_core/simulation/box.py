@@ -48,12 +48,12 @@ import math
 
 import numpy as np
 
-from pfd_core.dynamics.interface import input_list, program_with_outputs
+from pfd_core.dynamics.interface import program_with_outputs
 from pfd_core.dynamics.numbers import Numbers
 from pfd_core.machine.lanes import absolute, sqrt, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.simulation.dry import Law
+from pfd_core.simulation.dry import Law, read, single
 from pfd_core.simulation.flags import (
     any_of,
     both,
@@ -85,11 +85,10 @@ def record_pivot(n: int) -> Program:
     """
     recorder = Recorder(1, 'sequential')
     rows = ('x', 'torque', 'load', 'candidate', 'lower', 'upper')
-    x, torque, load, candidate, lower, upper = (input_list(recorder, r, n) for r in rows)
-    moving, direction, last, barred = (
-        input_list(recorder, name, n) for name in ('moving', 'direction', 'last', 'barred')
-    )
-    (busy,) = input_list(recorder, 'busy', 1)
+    x, torque, load, candidate, lower, upper = read(recorder, n, *rows)
+    names = ('moving', 'direction', 'last', 'barred')
+    moving, direction, last, barred = read(recorder, n, *names)
+    (busy,) = single(recorder, 'busy')
     zero, one = recorder.constant(0.0), recorder.constant(1.0)
 
     # The fraction of the step to x at which the first released joint comes to zero.
@@ -145,8 +144,7 @@ def record_hits(law: Law) -> Program:
     """
     n = law.n
     recorder = Recorder(1, 'sequential')
-    q, qd = (input_list(recorder, name, n) for name in ('q', 'qd'))
-    (rest,) = input_list(recorder, 'rest', 1)
+    (q, qd), (rest,) = read(recorder, n, 'q', 'qd'), single(recorder, 'rest')
     into = [both(rest, flag) for flag in law.into_stops(q, qd)]
     on_stops = list(q)
     for i, stops in enumerate(law.stops):
@@ -166,8 +164,7 @@ def record_compression(law: Law) -> Program:
     """
     n = law.n
     recorder = Recorder(1, 'sequential')
-    q, unbraked = (input_list(recorder, name, n) for name in ('q', 'unbraked'))
-    (hits,) = input_list(recorder, 'hits', 1)
+    (q, unbraked), (hits,) = read(recorder, n, 'q', 'unbraked'), single(recorder, 'hits')
     zeros = [recorder.constant(0.0)] * n
     at_lower, at_upper = law.at_stops(q)
     candidate = [both(unbraked[i], either(at_lower[i], at_upper[i])) for i in range(n)]
@@ -192,10 +189,8 @@ def record_impulses(law: Law) -> Program:
     """
     n = law.n
     recorder = Recorder(1, 'sequential')
-    torque, load, candidate, moving = (
-        input_list(recorder, name, n) for name in ('torque', 'load', 'candidate', 'moving')
-    )
-    (hits,) = input_list(recorder, 'hits', 1)
+    torque, load, candidate, moving = read(recorder, n, 'torque', 'load', 'candidate', 'moving')
+    (hits,) = single(recorder, 'hits')
     stopped = [both(hits, where(candidate[i], where(moving[i], 0.0, 1.0), 0.0)) for i in range(n)]
     p = [where(stopped[i], torque[i] - load[i], 0.0) for i in range(n)]
     numbers = Numbers(recorder, law.plant)
@@ -214,8 +209,8 @@ def record_restitution(law: Law) -> Program:
     n = law.n
     recorder = Recorder(1, 'sequential')
     names = ('q', 'before', 'x', 'impulse', 'thrown', 'returned', 'unbraked')
-    q, qd, v0, p, thrown, returned, unbraked = (input_list(recorder, m, n) for m in names)
-    (hits,) = input_list(recorder, 'hits', 1)
+    q, qd, v0, p, thrown, returned, unbraked = read(recorder, n, *names)
+    (hits,) = single(recorder, 'hits')
     lost = sum((p[i] * (v0[i] - qd[i]) for i in range(1, n)), p[0] * (v0[0] - qd[0]))
     gained = sum((thrown[i] * returned[i] for i in range(1, n)), thrown[0] * returned[0])
     # Both are above zero but for rounding.
@@ -234,7 +229,7 @@ def record_settling(n: int) -> Program:
     there was such a joint.
     """
     recorder = Recorder(1, 'sequential')
-    qd, qdd, thrown = (input_list(recorder, name, n) for name in ('qd', 'qdd', 'thrown'))
+    qd, qdd, thrown = read(recorder, n, 'qd', 'qdd', 'thrown')
     settles = []
     for v, a, impulse in zip(qd, qdd, thrown, strict=True):
         returns = both(sign_of(absolute(impulse)), sign_of(-(v * a)))
@@ -250,6 +245,5 @@ def record_settling(n: int) -> Program:
 def record_inelastic(n: int) -> Program:
     """Return the program of qd after an impact without restitution: x with hits, else qd."""
     recorder = Recorder(1, 'sequential')
-    x, qd = (input_list(recorder, name, n) for name in ('x', 'qd'))
-    (hits,) = input_list(recorder, 'hits', 1)
+    (x, qd), (hits,) = read(recorder, n, 'x', 'qd'), single(recorder, 'hits')
     return program_with_outputs(recorder, qd=[where(hits, x[i], qd[i]) for i in range(n)])

@@ -27,19 +27,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.kernels.spec import KernelSpec
 from pfd_core.kernels.tangents import compile_tangents
 from pfd_core.model.plant import resolve
-from pfd_core.model.robot import Robot
-from pfd_core.model.scene import Scene, scene_inputs
+from pfd_core.model.scene import scene_inputs
 from pfd_core.model.values import Array, real_array
 from pfd_core.simulation.dry import Law, has_contact
 from pfd_core.simulation.dual import CONSTANT, PLAIN, dual_step
+
+if TYPE_CHECKING:
+    from pfd_core.simulation.simulation import Simulation
 
 # Values of Linearization.status.
 MOVING, HELD, ONE_SIDED, EVENT = 'moving', 'held', 'one_sided', 'event'
@@ -58,42 +59,6 @@ NEAR = 2.0**-30
 KINK = 1e-4
 # The same of the change of a state from the limit, relative to the change; and roundings of both.
 JUMP, ROUNDINGS = 0.1, 1e-12
-
-
-class Simulation(Protocol):
-    """The part of a Simulator or an Ensemble that its linearised step needs."""
-
-    @property
-    def robot(self) -> Robot:
-        """Chain."""
-
-    @property
-    def scene(self) -> Scene:
-        """Effects."""
-
-    @property
-    def dtype(self) -> str:
-        """Number format."""
-
-    @property
-    def spec(self) -> KernelSpec:
-        """Spec of the dynamics."""
-
-    @property
-    def integrator(self) -> str:
-        """Name of the integrator."""
-
-    @property
-    def step_size(self) -> float:
-        """Seconds per step."""
-
-    @property
-    def substeps(self) -> int:
-        """Steps of the integrator in a step."""
-
-    @property
-    def batch(self) -> tuple[int, ...]:
-        """Leading dimensions of states."""
 
 
 class Linearization(tuple[Array, Array]):

@@ -27,20 +27,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pfd_core.kernels.spec import KernelSpec
 from pfd_core.kernels.tangents import compile_tangents
 from pfd_core.model.plant import resolve
 from pfd_core.model.scene import scene_inputs
 from pfd_core.model.values import Array, real_array
 from pfd_core.simulation.dry import Law, has_contact
 from pfd_core.simulation.dual import CONSTANT, PLAIN, dual_step
-
-if TYPE_CHECKING:
-    from pfd_core.simulation.simulation import Simulation
 
 # Values of Linearization.status.
 MOVING, HELD, ONE_SIDED, EVENT = 'moving', 'held', 'one_sided', 'event'
@@ -112,20 +109,26 @@ class Linearization(tuple[Array, Array]):
 
 
 class LinearStep:
-    """The linearised step of a simulation, with its settings; it keeps none of its state."""
+    """The linearised step of a simulation, with its settings; of states with a batch or none."""
 
-    def __init__(self, simulation: Simulation) -> None:
-        robot, scene, self._dtype = simulation.robot, simulation.scene, simulation.dtype
+    def __init__(
+        self,
+        spec: KernelSpec,
+        integrator: str,
+        step_size: float,
+        substeps: int,
+        batch: tuple[int, ...],
+    ) -> None:
+        robot, scene, self._dtype = spec.robot, spec.scene, spec.dtype
         if scene.joint_limits is not None:
             # As in the state of a simulation, whose joints are at rounded stops.
             limits = np.array(resolve(robot, scene).joint_limits, self._dtype)
             scene = replace(scene, joint_limits=limits.astype(float))
-        self._scene, self._plant, self._batch = scene, resolve(robot, scene), simulation.batch
+        self._scene, self._plant, self._batch = scene, resolve(robot, scene), batch
         self._dry = has_contact(self._plant)
-        spec = replace(simulation.spec, dtype='float64')
-        h = simulation.step_size / simulation.substeps
-        step = dual_step(self._plant, simulation.integrator, h)
-        self.kernel = compile_tangents(spec, step, simulation.substeps, CONSTANT, PLAIN)
+        spec = replace(spec, dtype='float64')
+        step = dual_step(self._plant, integrator, step_size / substeps)
+        self.kernel = compile_tangents(spec, step, substeps, CONSTANT, PLAIN)
 
     def matrices(
         self,

@@ -375,7 +375,8 @@ class Simulation(ABC):
 
     @cached_property
     def _linear_step(self) -> LinearStep:
-        return LinearStep(self)
+        settings = self._integrator, self._step_size, self._substeps
+        return LinearStep(self._spec, *settings, self._batch)
 
     def _rollout(
         self,

@@ -23,7 +23,8 @@ Subpackages in the order of data flow; each imports only from those above it:
 
 `pfd_ros.read_log` returns the messages of a recording, or of any bag, as arrays.
 
-Only `node`, `testing`, `demo`, `view.live`, `cli.send` and `replay.publish` import rclpy.
+Only `node`, `testing`, `demo`, `messages.matching`, `view.live`, `cli.send` and `replay.publish`
+import rclpy.
 
 To change or add
 

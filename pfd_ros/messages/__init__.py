@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Bytes of ROS 2 messages to arrays and back, without ROS.
+"""Bytes of ROS 2 messages to arrays and back, without ROS but for `matching`.
 
     cdr                the wire format, one value at a time; messages that are laid out once
     types              names of message types

@@ -17,8 +17,9 @@ From the fixtures to the arm, and back to assertions:
     domains      a ROS domain for this process alone, and rclpy in it
     process      processes that end with the test: controllers and the node
 
-Only `plugin` imports pytest, and only `nodes` needs rclpy. A new metric is a function in
-pfd_ros.motion.metrics, a method of trajectory.Trajectory, and perhaps an assertion there.
+Only `plugin` imports pytest, and only `nodes`, `domains` and NodeProcess.wait rclpy. A new metric
+is a function in pfd_ros.motion.metrics, a method of trajectory.Trajectory, and perhaps an
+assertion there.
 """
 
 from __future__ import annotations

@@ -214,6 +214,14 @@ def test_a_file_of_another_kind_is_named(tmp_path: Path, name: str, text: str, w
     assert name in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ('text', 'words'), [('<sdf version="1.9"/>', 'SDF'), (' <mujoco/>', 'MJCF.*give its path')]
+)
+def test_a_text_of_another_kind_is_named(text: str, words: str) -> None:
+    with pytest.raises(ValueError, match=f'the text is {words}'):
+        pfd.load_robot(text)
+
+
 @pytest.mark.parametrize('name', ['arm.urdf', 'arm.xml', 'ARM.URDF'])
 def test_the_name_decides_where_the_content_is_neither_xml_nor_a_robot_in_yaml(
     tmp_path: Path, name: str

@@ -272,6 +272,8 @@ def _read(source: object, xacro: Mapping[str, object] | None) -> _Read:
             return _read_yaml(known.read_text('utf-8'), str(known), xacro)
         if source.lstrip().startswith('<'):
             _refuse_arguments(xacro)
+            if _root_of(source, 'the text') == MJCF:
+                raise ValueError('the text is MJCF, whose files name others: give its path')
             return _Read(source, 'URDF text', URDF)
         if '\n' in source:
             return _read_yaml(source, 'YAML text', xacro)

@@ -326,16 +326,13 @@ def _warn_of_sizes(urdf: Urdf, chain: Chain) -> None:
 
 def _warn_of_degrees(urdf: Urdf) -> None:
     """Warn of angles of more than a whole turn, which are hardly radians."""
-    places: dict[str, Joint | Inertial | None] = {
-        f'joint {quote(name)}': joint for name, joint in urdf.joints.items()
-    }
-    places |= {f'link {quote(name)}': body for name, body in urdf.links.items()}
-    for label, element in places.items():
+    for name, element in (*urdf.joints.items(), *urdf.links.items()):
         if element and max(map(abs, element.origin.rpy)) > 1.001 * 2 * math.pi:
+            noun = 'joint' if isinstance(element, Joint) else 'link'
             warn(
-                f'{element.place}: <origin rpy> of {label} has more than a whole turn, '
-                f'{quote(element.origin.rpy)} rad: it is taken as written. Angles of a URDF are '
-                'in radians'
+                f'{element.place}: <origin rpy> of {noun} {quote(name)} has more than a whole '
+                f'turn, {quote(element.origin.rpy)} rad: it is taken as written. Angles of a URDF '
+                'are in radians'
             )
             return
 

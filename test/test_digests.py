@@ -6,8 +6,8 @@ The bits of kernels, simulations and recordings, and the findings of logs, are t
     python test/test_digests.py   writes test/data/digests.json and test/data/findings/*.json
 
 The files are written anew only for an intended change of bits, which the commit names. All bits
-are the same on every processor and in every version of Python and NumPy: the robots that are made
-here therefore come from Python's own arithmetic.
+are the same on every processor and in every version of Python and NumPy: numbers of robots are
+therefore stored, and random ones come from Python's own arithmetic.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from dataclasses import replace
 from functools import cache
 import hashlib
 import json
-import math
 from pathlib import Path
 import random
 from typing import Any
@@ -37,81 +36,8 @@ FINDINGS = DATA / 'findings'
 STATES = 19
 Array = np.ndarray[Any, Any]
 
-# Robots.
-
-
-def _turn(x: float, y: float, z: float, w: float) -> list[list[float]]:
-    """Return the rotation of a quaternion, whose length must be 1."""
-    return [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-
-
-def _skew_turn(draw: random.Random) -> list[list[float]]:
-    q = [draw.uniform(-1.0, 1.0) for _ in range(4)]
-    length = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    return _turn(*(x / length for x in q))
-
-
-def _inertia(draw: random.Random, mass: float) -> list[list[float]]:
-    """Return the inertia of a box in any attitude."""
-    # No `sum` and no power: their roundings depend on the version of Python and of libm.
-    a, b, c = (side * side for side in (draw.uniform(0.05, 0.4) for _ in range(3)))
-    x, y, z = (mass / 12 * moment for moment in (b + c, a + c, a + b))
-    R = _skew_turn(draw)
-    J = [[0.0] * 3 for _ in range(3)]
-    for i in range(3):
-        for j in range(i, 3):
-            J[i][j] = R[i][0] * x * R[j][0] + R[i][1] * y * R[j][1] + R[i][2] * z * R[j][2]
-            J[j][i] = J[i][j]
-    return J
-
-
-def chain(name: str, kinds: str) -> pfd.Robot:
-    """Return a chain with a joint for each letter; its name seeds its numbers."""
-    draw = random.Random(name)
-    types = {'r': 'revolute', 'c': 'continuous', 'p': 'prismatic'}
-    n = len(kinds)
-
-    def row(low: float, high: float, size: int = 3) -> list[float]:
-        return [draw.uniform(low, high) for _ in range(size)]
-
-    masses = row(0.5, 5.0, n)
-    bound = [np.inf if kind == 'c' else draw.uniform(0.5, 3.0) for kind in kinds]
-    return pfd.Robot(
-        name=name,
-        joint_names=tuple(f'joint{i + 1}' for i in range(n)),
-        joint_types=tuple(types[kind] for kind in kinds),
-        rotations=np.array([_skew_turn(draw) for _ in kinds]),
-        translations=np.array([row(-0.4, 0.4) for _ in kinds]),
-        masses=np.array(masses),
-        centers=np.array([row(-0.2, 0.2) for _ in kinds]),
-        inertias=np.array([_inertia(draw, mass) for mass in masses]),
-        base_rotation=np.array(_skew_turn(draw)),
-        base_position=np.array(row(-0.5, 0.5)),
-        armature=np.array(row(0.01, 0.5, n)),
-        position_lower=-np.array(bound),
-        position_upper=np.array(bound),
-        velocity_limit=np.array(row(1.0, 4.0, n)),
-        effort_limit=np.array(row(10.0, 200.0, n)),
-        damping=np.array(row(0.1, 2.0, n)),
-        friction=np.array(row(0.1, 2.0, n)),
-    )
-
-
-# The double pendulum is planar2.
-ROBOTS: Mapping[str, Callable[[], pfd.Robot]] = {
-    **{
-        name: lambda name=name: pfd.load_robot(name)
-        for name in ('puma560', 'ur5', 'panda', 'planar2')
-    },
-    'pendulum': lambda: chain('pendulum', 'r'),
-    'slider': lambda: chain('slider', 'p'),
-    'mixed5': lambda: chain('mixed5', 'rpcrp'),
-    'dense6': lambda: chain('dense6', 'rcrrrr'),
-}
+# Robots: included ones, and files of data/robots.
+ROBOTS = ('puma560', 'ur5', 'panda', 'planar2', 'pendulum', 'slider', 'mixed5', 'dense6')
 PAYLOAD = pfd.Payload(1.5, (0.02, -0.05, 0.1), np.diag([0.02, 0.03, 0.04]))
 
 
@@ -176,7 +102,9 @@ SINGLE = {'ur5': ('composite_body',), MANY: ('derivatives', 'pcgm')}
 @cache
 def robot_of(case: str) -> pfd.Robot:
     """Return the robot of a case."""
-    return ROBOTS[CASES[case][0]]()
+    name = CASES[case][0]
+    path = DATA / 'robots' / f'{name}.yaml'
+    return pfd.load_robot(path if path.exists() else name)
 
 
 def options(name: str) -> dict[str, Any]:

@@ -53,9 +53,8 @@ class Decoder:
     """
 
     def __init__(self, kind: str, definition: str = '') -> None:
-        package, _, name = kind.rpartition('/')
         self.error = ''
-        self.kind = f'{package.removesuffix("/msg")}/msg/{name}'
+        self.kind = full_type(kind)
         self._store = store_of(self.kind, definition or definition_of(self.kind))
         fields = list(self._fields(self.kind))
         self.paths = {path: (primitive, rank) for path, primitive, rank, _ in fields}
@@ -133,6 +132,12 @@ class Decoder:
                 columns[path].append(value)
         arrays = {path: _stacked(values, *self.paths[path]) for path, values in columns.items()}
         return arrays, np.array(good, np.int64)
+
+
+def full_type(kind: str) -> str:
+    """Return the full name of a message type, which ROS also writes without /msg."""
+    package, slash, name = kind.rpartition('/')
+    return f'{package.removesuffix("/msg")}/msg/{name}' if slash else kind
 
 
 def check_names(names: Sequence[str]) -> None:

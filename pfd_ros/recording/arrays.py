@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 import pfd_core as pfd
 from pfd_ros.arm.events import INPUTS
 from pfd_ros.messages.cdr import NANOSECONDS
+from pfd_ros.messages.columns import full_type
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.recording.bags import Bag, BagTopic
 from pfd_ros.recording.format import FORMAT, HeadKey, LogError, damage_named
@@ -216,6 +217,7 @@ def read_log(
             raise ValueError(f'{label} must be a list of names, got {names!r}: write [{names!r}]')
     if unreadable not in (RAISE, COUNT):
         raise ValueError(f"unreadable must be '{RAISE}' or '{COUNT}', got {unreadable!r}")
+    kinds = None if types is None else {full_type(kind) for kind in types}
     first, last = (-math.inf if start is None else start), (math.inf if end is None else end)
     if not first < last:
         raise ValueError(f'start must be before end, got {start} and {end}')
@@ -229,7 +231,7 @@ def read_log(
 
     def topic_of(about: BagTopic) -> TopicReader:
         wanted = topics is None or about.name in topics
-        wanted = wanted and (types is None or about.type in types)
+        wanted = wanted and (kinds is None or about.type in kinds)
         return found.setdefault(about.name, TopicReader(about, wanted, _is_ours(bag)))
 
     with damage_named(bag.path):

@@ -162,7 +162,8 @@ def test_the_window_begins_with_the_first_message_of_the_log(tmp_path):
     assert set(log.topics) == {'/text', STATES}
     empty = read_log(path, start=1e6)[STATES]
     assert (len(empty), empty.names) == (0, ())
-    assert list(read_log(path, types=[JOINT_STATE])) == [STATES]
+    for kind in (JOINT_STATE, 'sensor_msgs/JointState'):
+        assert list(read_log(path, types=[kind])) == [STATES]
 
 
 def test_times_are_stamps_or_where_all_are_zero_log_times(tmp_path):

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.commands import check_reach, command, end
+from pfd_ros.arm.commands import LARGEST_POSITION, check_reach, command, end
 from pfd_ros.arm.events import Change, RefusedError
 from pfd_ros.arm.state import EFFORT
 from pfd_ros.messages.cdr import NANOSECONDS
@@ -33,6 +33,8 @@ from pfd_ros.messages.trajectory import decode_trajectory
 from pfd_ros.text import cut, listed
 
 TURN = 2.0 * np.pi
+# Farther than any joint goes between two points, rad or m: accelerations are not bounded.
+FARTHEST = 100 * LARGEST_POSITION
 # A start farther ahead is on another clock, ns.
 FAR_AHEAD_NS = 3600 * NANOSECONDS
 
@@ -61,6 +63,15 @@ class Plan(NamedTuple):
     def end_ns(self) -> int:
         """The time of the last point."""
         return int(self.times_ns[-1])
+
+    def reach(self) -> NDArray[Any]:
+        """Return a bound of the positions at all times (k,); NaN or inf where one overflows."""
+        if self.position is None:
+            return np.zeros(len(self.joints))
+        h = np.append(np.diff(self.times_ns), 0)[:, None, None] / NANOSECONDS
+        sizes: NDArray[Any] = np.abs(self.position) * h ** np.arange(6)[:, None]
+        farthest: NDArray[Any] = sizes.sum(axis=1).max(axis=0)
+        return farthest
 
     def at(
         self, now_ns: int
@@ -124,18 +135,23 @@ def rule(arm: Arm, data: bytes) -> Change:
         raise RefusedError('future', f'stamp {start} ns, the arm is at {now} ns: another clock')
     if state.tripped:
         raise RefusedError('refused', state.tripped)
-    return _follow, (joints, start + times, dict(values))
-
-
-def _follow(
-    arm: Arm, joints: NDArray[Any], times: NDArray[np.int64], values: dict[str, NDArray[Any]]
-) -> None:
-    """Take over a trajectory, from the state that the joints have now."""
-    state = arm.state
-    end(state)
+    # From the state that the joints have now.
     first = np.vstack([state.rows[state.now][:2, joints], state.newest[EFFORT, joints]])
     endless = [arm.robot.joint_types[k] == 'continuous' for k in joints]
-    state.trajectory = plan_of(joints, times, values, arm.stamp_ns, first, endless)
+    with np.errstate(all='ignore'):  # what overflows is refused
+        plan = plan_of(joints, start + times, dict(values), now, first, endless)
+        reach = plan.reach()
+    if plan.effort is not None and not np.isfinite(plan.effort).all():
+        raise RefusedError('refused', 'the efforts overflow between two points')
+    for k in np.flatnonzero(~(reach <= FARTHEST)):
+        text = f'joint {cut(names[k])!r} would go farther than {FARTHEST:g} between two points'
+        raise RefusedError('refused', f'{text}: accelerations are too large for their times')
+    return _follow, (plan,)
+
+
+def _follow(arm: Arm, plan: Plan) -> None:
+    end(arm.state)
+    arm.state.trajectory = plan
 
 
 def plan_of(

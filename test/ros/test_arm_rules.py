@@ -65,6 +65,11 @@ def asked(text: str) -> ArmMessage:
     return ArmMessage('requests', encode_string(text))
 
 
+# Accelerations between points at rest that overflow on the way.
+HUGE = {kind: [[0], [0]] for kind in ('positions', 'velocities')} | {
+    'accelerations': [[1e308], [0]]
+}
+
 # Settings, and by them a message with its verdict, and a part of its detail.
 VERDICTS: list[tuple[dict[str, Any], list[tuple[ArmMessage, str, str]]]] = [
     # Its first tick sets time: a trajectory from before would be over at once.
@@ -144,6 +149,8 @@ VERDICTS: list[tuple[dict[str, Any], list[tuple[ArmMessage, str, str]]]] = [
             ),
             (trajectory([A, C], [1], positions=[[1, 1]]), 'no_effort', f"positions of ['{C}']"),
             (trajectory([A], [1], positions=[[1e7]]), 'refused', 'position 1e+07'),
+            (trajectory([A], [0.1, 9], **HUGE), 'refused', f"'{A}' would go farther"),
+            (trajectory([A], [0.1, 9], effort=[[1e308], [-1e308]]), 'refused', 'efforts overflow'),
             (
                 trajectory([A], [1], positions=[[1]], velocities=[[0.1]]),
                 'refused',

@@ -437,8 +437,15 @@ def test_the_handlers_of_signals_come_before_every_import_that_takes_long():
         [sys.executable, '-c', code], capture_output=True, text=True, check=True, timeout=PATIENCE
     )
     assert done.stdout.split() == [
-        *('pfd_ros', 'pfd_ros.cli', 'pfd_ros.cli.main', 'pfd_ros.cli.terminal', 'pfd_ros.node'),
-        *('pfd_ros.node.main', 'pfd_ros.text', 'pfd_ros.view', 'pfd_ros.view.ports'),
+        *('pfd_ros', 'pfd_ros.cli', 'pfd_ros.cli.main', 'pfd_ros.cli.terminal'),
+        *(
+            'pfd_ros.extras',
+            'pfd_ros.node',
+            'pfd_ros.node.main',
+            'pfd_ros.text',
+            'pfd_ros.view',
+            'pfd_ros.view.ports',
+        ),
     ]
 
 

@@ -91,6 +91,8 @@ class LockstepArm:
         Robot, and joints in published order, the order of all arrays.
     period
         The control period, s of simulated time.
+    recording
+        The file that it records, '' for none, whatever state it continues from.
     pushes
         Time [s], and force and torque (6,) of each push since the start or the restored state;
         () of a reset, which ends one.
@@ -110,7 +112,7 @@ class LockstepArm:
             raise ValueError(f"ros_args is {ros_args!r}, expected a list such as ['-r', 'a:=b']")
         self._given, self._ros_args = (robot, settings), ros_args
         self._described = _described(robot, settings)
-        self.robot = self._described.robot
+        self.robot, self.recording = self._described.robot, self._described.settings.recording
         self._log: Recorder | None = None
         # Nothing is encoded until anybody reads it.
         self.engine = self._new_engine(())
@@ -334,7 +336,7 @@ class LockstepArm:
         """
         if self._log is not None:
             raise ValueError(
-                f'this run is recorded in {self.settings.recording!r}, and a recording holds one '
+                f'this run is recorded in {self.recording!r}, and a recording holds one '
                 'run from its start: restore a state in an arm without recording'
             )
         self.engine.restore(state)

@@ -75,7 +75,7 @@ def write_artifacts(arms: Sequence[Any], folder: Path, error: BaseException) -> 
 
 def _write_log(arm: LockstepArm, log: Path) -> str:
     """Write the recording of an arm; return what there is to say about it, or ''."""
-    if not arm.settings.recording:
+    if not arm.recording:
         return arm.record_again(log)
     said = ''
     try:
@@ -83,9 +83,9 @@ def _write_log(arm: LockstepArm, log: Path) -> str:
     except RecordingError as failed:
         said = f'the recording is incomplete: {failed}'
     try:
-        os.link(arm.settings.recording, log)
+        os.link(arm.recording, log)
     except OSError:
-        shutil.copyfile(arm.settings.recording, log)
+        shutil.copyfile(arm.recording, log)
     return said
 
 

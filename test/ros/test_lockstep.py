@@ -18,6 +18,7 @@ from tested_controllers import GOAL, command_of, node_of
 from tested_controllers import pd as held_by
 
 import pfd_core as pfd
+from pfd_ros import read_log
 from pfd_ros.cli.main import main as pfd_main
 from pfd_ros.testing import (
     ArmError,
@@ -28,6 +29,7 @@ from pfd_ros.testing import (
     Trajectory,
     recorded,
 )
+from pfd_ros.testing.artifacts import write_artifacts
 
 # The stamp of the first state, s: zero is no time to ROS.
 START = 0.001
@@ -543,3 +545,16 @@ def test_a_recorded_motion_has_one_state_of_each_stamp(tmp_path):
     found = recorded(write_mcap(tmp_path / 'a.mcap', rows))
     assert found.q[:, 0].tolist() == [2.0 * k for k in range(10)]
     assert np.diff(found.time) == pytest.approx(0.02)
+
+
+def test_what_a_failed_test_leaves_is_of_its_arm_also_if_a_recorded_one_was_saved(tmp_path):
+    with ur5(recording=tmp_path / 'a.mcap') as recorded_arm:
+        recorded_arm.run(pd, 0.05)
+        state = recorded_arm.save()
+    arm = ur5()
+    arm.restore(state)
+    arm.run(pd, 0.02)
+    lines = write_artifacts([arm], tmp_path, AssertionError('wrong'))
+    assert f'recording  {tmp_path}/arm.mcap' in lines
+    stamps = read_log(tmp_path / 'arm.mcap')['/joint_states'].stamp_ns
+    assert stamps.tolist() == [10**6 * k for k in range(52, 72)]

@@ -60,32 +60,17 @@ def test_every_arm_moves_as_it_would_alone(size: int, integrator: str, dtype: st
         assert_same(runs, b, alone)
 
 
-def test_the_feedback_law_equals_a_loop_in_python() -> None:
-    rng = np.random.default_rng(83)
-    robot = random_chain(rng, 3)
-    q, qd, taus = sequences(3, 10)
-    kp, kd = rng.uniform(1, 10, (10, 3)), rng.uniform(0, 1, 3)
-    wanted, rate = rng.uniform(-1, 1, (10, STEPS, 3)), rng.uniform(-1, 1, (STEPS, 3))
-    many, one = pfd.Ensemble(robot, 10), pfd.Simulator(robot)
-    many.reset(q, qd)
-    runs = many.rollout(taus, feedback=pfd.Feedback(kp, kd, wanted, rate))
-    assert runs.status == 'ok'
-    for b in range(10):
-        one.reset(q[b], qd[b])
-        for t in range(STEPS):
-            pull = kp[b] * (wanted[b, t] - one.q)
-            one.step(taus[b, t] + pull + kd * (rate[t] - one.qd))
-            np.testing.assert_array_equal(runs.q[b, t], one.q)
-            np.testing.assert_array_equal(runs.qdd[b, t], one.qdd)
-
-
 @pytest.mark.parametrize('dtype', one_fast(['float64', 'float32']))
-@pytest.mark.parametrize('shape', ['one', 'per step', 'per arm and step', 'reversed', 'scalar'])
-def test_a_matrix_of_gains_acts_on_the_whole_state(shape: str, dtype: str) -> None:
+@pytest.mark.parametrize(
+    'shape', ['per joint', 'one', 'per step', 'per arm and step', 'reversed', 'scalar']
+)
+def test_a_law_of_feedback_equals_a_loop_in_python(shape: str, dtype: str) -> None:
     rng = np.random.default_rng(84)
     robot = random_chain(rng, 3)
     q, qd, taus = sequences(3, 21, dtype)
+    kp, kd = rng.uniform(1, 10, (21, 3)).astype(dtype), rng.uniform(0, 1, 3).astype(dtype)
     gains = {
+        'per joint': np.array([[np.hstack([np.diag(row), np.diag(kd)])] for row in kp]),
         'one': rng.uniform(-5, 5, (3, 6)),
         'per step': rng.uniform(-5, 5, (STEPS, 3, 6)),
         'per arm and step': rng.uniform(-5, 5, (21, STEPS, 3, 6)),
@@ -94,9 +79,12 @@ def test_a_matrix_of_gains_acts_on_the_whole_state(shape: str, dtype: str) -> No
     }
     gain = gains[shape].astype(dtype)
     wanted, rate = rng.uniform(-1, 1, (2, 21, STEPS, 3)).astype(dtype)
+    law: Any = pfd.StateFeedback(gain, wanted, rate)
+    if shape == 'per joint':
+        law = pfd.Feedback(kp, kd, wanted, rate)
     many, one = pfd.Ensemble(robot, 21, dtype=dtype), pfd.Simulator(robot, dtype=dtype)
     many.reset(q, qd)
-    runs = many.rollout(taus, feedback=pfd.StateFeedback(gain, wanted, rate))
+    runs = many.rollout(taus, feedback=law)
     assert runs.status == 'ok'
     every = np.broadcast_to(gain, (21, STEPS, 3, 6))
     for b in range(21):
@@ -107,6 +95,7 @@ def test_a_matrix_of_gains_acts_on_the_whole_state(shape: str, dtype: str) -> No
                 tau += every[b, t, :, j] * e
             one.step(tau)
             np.testing.assert_array_equal(runs.q[b, t], one.q)
+            np.testing.assert_array_equal(runs.qdd[b, t], one.qdd)
 
 
 def test_only_each_requested_state_is_returned() -> None:

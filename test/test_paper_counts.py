@@ -483,79 +483,40 @@ def test_steps_grow_as_the_logarithm_of_the_joints(n: int) -> None:
 # ---- routes with one lane per link ----
 
 
-Routes = dict[str, int]
+ROUTED = ('pcrbm', 'pcrbm_array', 'pcrbm_base_origin', 'pcgm')
 
 
-def pose_and_bias(n: int) -> Routes:
-    """Return 9 elements a level of R; z_(i-1); five sums of vectors, and w_(i-1)."""
-    many = n > 1
-    return {
-        'orientation': 9 * levels(n),
-        'link vectors': 3 * many,
-        'omega': 15 * levels(n) + 3 * many,
-    }
-
-
-def composite_bodies(n: int) -> Routes:
-    """Return M, c with its coefficients, E; M_(j+1), c_(j+1); p*_i and z_i for the pairs."""
-    L, many = levels(n), n > 1
-    return {
-        'equation (15)': L,
-        'equations (16), (17)': many,
-        'equation (18)': (4 * L - 1) * many,
-        'equation (19)': 3 * many,
-        'equation (20)': 6 * L,
-        'moments of the row sweep': 3 * (n - 1),
-        'elements of H': 3 * (n - 1),
-    }
-
-
-def solve(n: int) -> Routes:
-    """Return l_ij for j < i < n - 1 and 1/d_j; n - 1 elements each way, n - 1 diagonals."""
-    return {
-        'factorisation': (n - 1) * (n - 2) // 2 + n - 1,
-        'column sweeps': 3 * (n - 1),
-    }
-
-
-def about_the_base(n: int) -> Routes:
-    """Return o_i and o_(i-1); mass, first moment and inertia; pairs at distances around."""
-    L = levels(n)
-    # Two 6-vectors for each distance; a pair farther apart than n/2 comes out on the other lane.
-    far = sum(n - d for d in range(1, n) if 2 * d > n)
-    return {
-        'base origin': 3 * L + 3 * (n > 1),
-        'composite bodies': 10 * L,
-        'elements of H': 12 * (n // 2) + far,
-    }
-
-
-def streams(n: int) -> Routes:
-    """Return the elements of H and y on their way to the array; h_11 and y_1 are on lane 0."""
-    return {f'streams of the {PCRBM_ARRAY_SECTION}': n * (n + 1) // 2 + n - 2}
-
-
-EXPECTED = {
-    'pcrbm': lambda n: pose_and_bias(n) | composite_bodies(n) | solve(n),
-    'pcrbm_array': lambda n: pose_and_bias(n) | composite_bodies(n) | streams(n),
-    'pcrbm_base_origin': lambda n: pose_and_bias(n) | about_the_base(n) | solve(n),
-    # Four sums of vectors, two inner products, of which each result is broadcast.
-    'pcgm': lambda n: (
-        pose_and_bias(n)
-        | {
-            'first inner product': levels(n),
-            'step 7': 12 * levels(n),
-            'step 8': levels(n) + (n > 1),
-            'step 12': levels(n),
-            'steps 14, 15': n > 1,
-        }
-    ),
-}
+def routed(method: str, n: int) -> dict[str, int]:
+    """Return the routes of each section."""
+    L, many = levels(n), int(n > 1)
+    # 9 elements a level of R; z_(i-1); five sums of vectors, and w_(i-1).
+    found = {'orientation': 9 * L, 'link vectors': 3 * many, 'omega': 15 * L + 3 * many}
+    if method == 'pcgm':
+        # Four sums of vectors, two inner products, of which each result is broadcast.
+        inner = {'first inner product': L, 'step 8': L + many, 'step 12': L}
+        return found | inner | {'step 7': 12 * L, 'steps 14, 15': many}
+    if method == 'pcrbm_base_origin':
+        # o_i and o_(i-1); mass, first moment and inertia; two 6-vectors for each distance around:
+        # a pair farther apart than n/2 comes out on the other lane.
+        far = sum(n - d for d in range(1, n) if 2 * d > n)
+        found |= {'base origin': 3 * L + 3 * many, 'composite bodies': 10 * L}
+        found |= {'elements of H': 12 * (n // 2) + far}
+    else:
+        # M, c with its coefficients, E; M_(j+1), c_(j+1); p*_i and z_i for the pairs.
+        found |= {'equation (15)': L, 'equations (16), (17)': many, 'equation (20)': 6 * L}
+        found |= {'equation (18)': (4 * L - 1) * many, 'equation (19)': 3 * many}
+        found |= dict.fromkeys(('moments of the row sweep', 'elements of H'), 3 * (n - 1))
+    if method == 'pcrbm_array':
+        # Elements of H and y on their way to the array; h_11 and y_1 are on lane 0.
+        return found | {f'streams of the {PCRBM_ARRAY_SECTION}': n * (n + 1) // 2 + n - 2}
+    # l_ij for j < i < n - 1 and 1/d_j; n - 1 elements each way, n - 1 diagonals.
+    factors = (n - 1) * (n - 2) // 2 + n - 1
+    return found | {'factorisation': factors, 'column sweeps': 3 * (n - 1)}
 
 
 @pytest.mark.sweep
 @pytest.mark.parametrize('n', EVERY_SIZE)
-@pytest.mark.parametrize('method', EXPECTED)
+@pytest.mark.parametrize('method', ROUTED)
 def test_routes_with_one_lane_per_link_have_their_closed_forms(method: str, n: int) -> None:
     found = routes_by_section(FORWARD_METHODS[method](resolve_plant(chain(n)), 'unpacked'))
-    assert found == {section: count for section, count in EXPECTED[method](n).items() if count}
+    assert found == {section: count for section, count in routed(method, n).items() if count}

@@ -25,6 +25,7 @@ import numpy as np
 import pytest
 
 import pfd_core as pfd
+from pfd_core.kernels import native
 from pfd_ros import read_log
 from pfd_ros.page import page
 from pfd_ros.replay.verify import verify
@@ -308,6 +309,28 @@ def test_a_kernel_has_the_stored_bits(case: str, dtype: str, name: str) -> None:
 @pytest.mark.parametrize('name', SIMULATIONS)
 def test_a_simulation_has_the_stored_bits(name: str) -> None:
     assert SIMULATIONS[name]() == stored()['simulations'][name]
+
+
+@pytest.mark.skipif(
+    not native.host().triple.startswith('x86_64'), reason='the processor is of x86-64'
+)
+@pytest.mark.slow
+def test_another_processor_has_the_stored_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('PFD_CACHE', '')
+    # It has no fused multiply-add: the C library computes it. A long test has all levels.
+    monkeypatch.setenv('PFD_TARGET_CPU', 'x86-64-v2')
+    for case, dtype, name in (
+        ('planar2', 'float64', 'default'),
+        ('mixed5', 'float32', 'pcgm'),
+        ('mixed5', 'float64', 'grouped_articulated_body'),
+    ):
+        assert result(case, dtype, name) == stored()['kernels'][f'{case}, {dtype}, {name}']
+    for name in (
+        'velocity_verlet, mixed5 with friction and stops',
+        'rk4, planar2 with friction, stops and lag',
+        'ensemble, planar2 with friction and stops',
+    ):
+        assert SIMULATIONS[name]() == stored()['simulations'][name]
 
 
 @pytest.mark.parametrize('name', LOGS)

@@ -399,42 +399,6 @@ def test_every_processor_has_its_own_code_in_the_cache(
     assert len(emitted) == 1 + len(RUNNABLE) > 1
 
 
-def results() -> list[bytes]:
-    """Return the bits of kernels, rollouts and an ensemble."""
-    rng, found = np.random.default_rng(19), []
-    robot = pfd.load_robot('planar2')
-    for method, refine, dtype in (
-        ('auto', 1, 'float64'),
-        ('grouped_articulated_body', 0, 'float32'),
-        ('pcgm', 0, 'float64'),
-    ):
-        rows = [random_state(rng, robot.n) for _ in range(19)]
-        q, qd, tau = (np.array([row[k] for row in rows], dtype) for k in range(3))
-        q[2] *= 1e30
-        kernel = pfd.compile_kernel(robot, method=method, refine=refine, dtype=dtype)
-        found += [kernel(q, qd, tau).tobytes(), kernel(q[3], qd[3], tau[3]).tobytes()]
-    limits = np.tile([-0.4, 0.4], (2, 1))
-    scene = pfd.Scene(friction=np.full(2, 0.2), joint_limits=limits, restitution=0.4)
-    for integrator, effects in (('rk4', scene), ('velocity_verlet', None)):
-        simulator = pfd.Simulator(robot, effects, integrator=integrator)
-        run = simulator.rollout(np.tile([5.0, -2.0], (400, 1)))
-        found.append(run.q.tobytes() + run.qd.tobytes())
-    together = pfd.Ensemble(robot, 11, scene)
-    together.reset(np.linspace(-0.3, 0.3, 22).reshape(11, 2), np.zeros((11, 2)))
-    run = together.rollout(np.full((11, 40, 2), 3.0))
-    return [*found, run.q.tobytes() + run.qd.tobytes()]
-
-
-@on_x86
-@pytest.mark.slow
-def test_another_processor_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv('PFD_CACHE', '')
-    wanted = results()
-    # It has no fused multiply-add: the C library computes it. The long test below has all levels.
-    monkeypatch.setenv('PFD_TARGET_CPU', 'x86-64-v2')
-    assert results() == wanted
-
-
 def files(patterns: tuple[str, ...]) -> list[str]:
     return sorted(str(path) for pattern in patterns for path in (ROOT / 'test').glob(pattern))
 

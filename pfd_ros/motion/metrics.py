@@ -33,10 +33,14 @@ def settling_time(time: Array, q: Array, target: float, within: float) -> float:
     return float(time[first] - time[0]) if first < len(q) else math.inf
 
 
+@np.errstate(all='ignore')  # a log may hold infinite numbers
 def overshoot(q: Array, target: float) -> float:
-    """Return the share of its step by which a joint goes beyond its target; NaN without a step."""
+    """Return the share of its step by which a joint goes beyond its target.
+
+    NaN without a step, and of a motion that is not finite.
+    """
     step = target - q[0]
-    return max(0.0, float(np.max((q - target) / step))) if step else math.nan
+    return float(np.maximum(0.0, np.max((q - target) / step))) if step else math.nan
 
 
 def rates(time: Array, values: Array) -> Array:

@@ -360,6 +360,7 @@ def text_of(found: Mapping[str, str], *, limited: bool = True) -> str:
     return '; '.join(found.values()) or 'no oscillation' + ', no limit reached' * limited
 
 
+@np.errstate(all='ignore')  # a log may hold infinite numbers
 def diagnosis(x: Samples, *, commanded: bool = True) -> dict[str, str]:
     """Return the symptoms of a joint, each of KINDS with its measures.
 

@@ -337,12 +337,13 @@ class Trajectory:
         _check_bounds(bound=bound)
         goals, shares = self._per_joint('target', target), self.overshoot(target)
         for j in self._columns(joint):
-            if np.isnan(shares[j]):
+            if self.q[0, j] == goals[j]:
                 raise ValueError(
                     f'joint {self.names[j]!r} starts at its target {goals[j]:.6g} and has no '
                     'overshoot; name the joints that make a step: joint=...'
                 )
-            k = int(np.argmax((self.q[:, j] - goals[j]) / (goals[j] - self.q[0, j])))
+            beyond = (self.q[:, j] - goals[j]) * np.sign(goals[j] - self.q[0, j])
+            k = int(np.argmax(beyond))
             if not shares[j] < bound:
                 unit = self._unit('position', j)
                 raise self._fail(

@@ -447,3 +447,21 @@ def test_without_velocities_a_diagnosis_is_by_those_of_the_positions(q):
     limits = {'position': NO_LIMIT, 'velocity': NO_LIMIT, 'effort': NO_LIMIT}
     state = TIMES, q, np.full(len(q), math.nan), np.zeros(len(q))
     assert joint_diagnosis(Samples(*state, 0.0, limits, UNITS, SAMPLE)) == diagnosis(q, 0.0)
+
+
+def test_infinite_numbers_of_a_log_are_no_warnings_but_failed_assertions():
+    tau = np.where(TIMES < 1.0, 1.0, math.inf)
+    limits = {'position': NO_LIMIT, 'velocity': NO_LIMIT, 'effort': NO_LIMIT}
+    state = TIMES, np.zeros(len(TIMES)), np.ones(len(TIMES)), tau
+    assert joint_diagnosis(Samples(*state, 0.0, limits, UNITS, SAMPLE))
+    found = motion([0.0, 0.1, 0.2], [[math.inf], [0.0], [1.0]], [[0.0], [math.inf], [0.0]])
+    assert np.isnan(found.overshoot(1.0)).all()
+    with pytest.raises(AssertionError, match='nan % of its step beyond the target'):
+        found.assert_overshoot_below(0.5, 1.0)
+    lost = motion([0.0, 0.1, 0.2], [[0.0], [math.nan], [1.0]])
+    with pytest.raises(AssertionError, match=r"joint 'a' is at nan rad or m at t = 0\.1 s"):
+        lost.assert_overshoot_below(0.5, 1.0)
+    with pytest.raises(AssertionError, match='is inf rad or m from its target'):
+        found.assert_settles(1.0, within=0.1, by=0.0)
+    with pytest.raises(AssertionError, match="effort of joint 'a' changes by inf"):
+        found.assert_torque_rate_below(1.0)

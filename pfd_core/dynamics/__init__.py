@@ -5,7 +5,6 @@ Serial dynamics: the algorithms that kernels are made of, each recorded once as 
 
     methods        the table of methods of forward dynamics, by name
     quantities     the table of quantities of kernels: H, bias, energy, tip and the like
-    interface      inputs (q, qd, tau, wrench, free) and outputs of whole programs
 
     links          parameters of a chain in joint axes, as given and grouped, as numbers
     numbers        numbers of a plant: constants, or elements of the input `p`
@@ -34,6 +33,10 @@ A new effect of a joint is a record in pfd_core.model.effects, and nothing in he
 effect of the motors has its torques in `drives` as well, an effect of the links or of gravity in
 `newton_euler` (on n lanes in pfd_core.paper.newton_euler). A new
 method is a function and a row of `methods`, a new quantity a function and a row of `quantities`.
-Modules that the tables name are imported at their first use. One register of a serial program
-holds one number.
+Modules that the tables name are imported at their first use.
+
+Inputs of programs are `q`, `qd` and `qdd` or `tau`, (n,), and where the scene needs them `wrench`,
+(6,): force and moment exerted on the last link, in its axes, about its origin, and `free`, (n,): 1
+for a joint that moves and 0 for a joint that its brake holds. On n lanes an input of n elements is
+one row, an element per lane; on one processor it is a list of n numbers, each in its register.
 """

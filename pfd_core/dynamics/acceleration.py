@@ -55,9 +55,8 @@ from pfd_core.dynamics.derivatives import (
     moving_chain,
 )
 from pfd_core.dynamics.drives import record_motor_torques
-from pfd_core.dynamics.interface import free_input, program_with_outputs
 from pfd_core.dynamics.joint_torques import minus_joint_torques, record_joint_torques
-from pfd_core.dynamics.numbers import rotors
+from pfd_core.dynamics.numbers import free_input, rotors
 from pfd_core.dynamics.refinement import (
     record_refined,
     record_residual,
@@ -121,7 +120,7 @@ def record_derivatives(
         by_tau = motors['d tau/d tau'][:: n + 1]
         if by_tau != [recorder.constant(1.0)] * n:
             results['T'] = by_tau
-    return program_with_outputs(recorder, **results)
+    return recorder.program(**results)
 
 
 def _minus_inertia(

@@ -18,7 +18,6 @@ from collections.abc import Mapping, Sequence
 import math
 from typing import Any
 
-from pfd_core.dynamics.interface import input_list, program_with_outputs
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
@@ -45,10 +44,10 @@ def record_actuators(n: int, brakes: bool = False) -> Program:
     """
     recorder = Recorder(1, 'sequential')
     names = ('q', 'qd', 'efforts', 'tau', 'wanted', 'peaks')
-    rows = {name: input_list(recorder, name, n) for name in names}
-    motors = input_list(recorder, 'motors', len(MOTOR_ROWS) * n)
-    targets = input_list(recorder, 'targets', len(TARGET_ROWS) * n)
-    free = input_list(recorder, 'free', n) if brakes else [recorder.constant(1.0)] * n
+    rows = {name: recorder.input_list(name, n) for name in names}
+    motors = recorder.input_list('motors', len(MOTOR_ROWS) * n)
+    targets = recorder.input_list('targets', len(TARGET_ROWS) * n)
+    free = recorder.input_list('free', n) if brakes else [recorder.constant(1.0)] * n
     wanted, limited, excess = [], [], []
     stop: Any = 0.0
     cut = fast = 0.0
@@ -69,8 +68,7 @@ def record_actuators(n: int, brakes: bool = False) -> Program:
     def unless_stopped(new: Any, old: Any) -> Any:
         return where(stop, old, new)
 
-    return program_with_outputs(
-        recorder,
+    return recorder.program(
         tau=list(map(unless_stopped, limited, rows['tau'])),
         # The first effort of a joint that comes off its brake may be any.
         wanted=[

@@ -53,7 +53,6 @@ import numpy as np
 
 from pfd_core.dynamics.chain import Chain, chain_of
 from pfd_core.dynamics.drives import motor_torques
-from pfd_core.dynamics.interface import free_input, program_with_outputs
 from pfd_core.dynamics.joint_torques import minus_joint_torques
 from pfd_core.dynamics.joints import (
     Body,
@@ -67,7 +66,7 @@ from pfd_core.dynamics.joints import (
 )
 from pfd_core.dynamics.links import GIVEN, GROUPED
 from pfd_core.dynamics.newton_euler import less_wrench, right_side
-from pfd_core.dynamics.numbers import Numbers, rotors
+from pfd_core.dynamics.numbers import Numbers, free_input, rotors
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes
@@ -134,7 +133,7 @@ def record_by_bodies(plant: Plant, *, parameters: str) -> Program:
     with recorder.section('solve'):
         rates = _rates(chain, handles, bias, tau)
         qdd = _accelerations(chain, handles, bias, rates)
-    return program_with_outputs(recorder, qdd=qdd, pivots=[handle.d for handle in handles])
+    return recorder.program(qdd=qdd, pivots=[handle.d for handle in handles])
 
 
 def _torques(chain: Chain) -> list[Lanes]:

@@ -20,7 +20,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
-from pfd_core.dynamics.interface import input_list
 from pfd_core.dynamics.joints import Body, Joint, sum_of_angles
 from pfd_core.dynamics.links import GIVEN, GROUPED, Link, centered_links
 from pfd_core.dynamics.numbers import Numbers
@@ -56,7 +55,7 @@ class Chain:
 
     def inputs(self, name: str) -> list[Lanes]:
         """Return an input, such as 'qd', as n numbers."""
-        return input_list(self.recorder, name, self.plant.robot.n)
+        return self.recorder.input_list(name, self.plant.robot.n)
 
     def bodies(self) -> list[Body]:
         """Return mass, first moment and inertia about the origin of each link."""
@@ -93,7 +92,7 @@ def positions(recorder: Recorder, robot: Robot) -> list[Lanes]:
     The angle of a follower may have no period of 2 pi in q: it is NaN where its sine would lose
     digits.
     """
-    q: list[Lanes] = spread(robot, input_list(recorder, 'q', robot.n), offsets=True)
+    q: list[Lanes] = spread(robot, recorder.input_list('q', robot.n), offsets=True)
     for k, mover in enumerate(robot.movers):
         if mover.name in coupled(robot) and mover.kind != 'prismatic':
             q[k] = where(LARGEST_ANGLE - absolute(q[k]), q[k], math.nan)

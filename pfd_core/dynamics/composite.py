@@ -49,7 +49,6 @@ import operator
 from typing import Any, NamedTuple
 
 from pfd_core.dynamics.chain import Chain, chain_of
-from pfd_core.dynamics.interface import free_input, program_with_outputs
 from pfd_core.dynamics.joints import (
     along,
     body_in,
@@ -61,7 +60,7 @@ from pfd_core.dynamics.joints import (
 )
 from pfd_core.dynamics.links import GIVEN, GROUPED
 from pfd_core.dynamics.newton_euler import right_side, torques
-from pfd_core.dynamics.numbers import rotors
+from pfd_core.dynamics.numbers import free_input, rotors
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
@@ -197,7 +196,7 @@ def record_by_matrix(
     with chain.recorder.section('solve'):
         factors = factorise(H, free)
         qdd = solution(factors, y)
-    return program_with_outputs(chain.recorder, qdd=qdd, pivots=factors.pivots)
+    return chain.recorder.program(qdd=qdd, pivots=factors.pivots)
 
 
 def record_inertia_matrix(plant: Plant) -> Program:
@@ -206,7 +205,7 @@ def record_inertia_matrix(plant: Plant) -> Program:
     with chain.recorder.section('inertia matrix'):
         rows = composite_bodies(chain)
         add_rotors(chain.recorder, plant, rows)
-    return program_with_outputs(chain.recorder, H=symmetric(rows))
+    return chain.recorder.program(H=symmetric(rows))
 
 
 def record_held(plant: Plant) -> Program:
@@ -222,7 +221,7 @@ def record_held(plant: Plant) -> Program:
     x = solution(factorise(H, free_input(chain.recorder, plant)), y)
     rows = zip(symmetric(H), y, strict=True)
     held = [sum(map(operator.mul, row, x), -total) for row, total in rows]
-    return program_with_outputs(chain.recorder, x=[x, held])
+    return chain.recorder.program(x=[x, held])
 
 
 def record_solve(plant: Plant) -> Program:
@@ -233,7 +232,7 @@ def record_solve(plant: Plant) -> Program:
     for row, rotor in zip(H, chain.inputs('rotor'), strict=True):
         row[-1] = row[-1] + rotor
     x = solution(factorise(H, free_input(chain.recorder, plant)), chain.inputs('tau'))
-    return program_with_outputs(chain.recorder, x=x)
+    return chain.recorder.program(x=x)
 
 
 record_composite_body = partial(

@@ -28,10 +28,9 @@ import operator
 from typing import Any
 
 from pfd_core.dynamics.chain import chain_of
-from pfd_core.dynamics.interface import free_input, program_with_outputs
 from pfd_core.dynamics.links import GIVEN
 from pfd_core.dynamics.newton_euler import right_side, torques
-from pfd_core.dynamics.numbers import rotors
+from pfd_core.dynamics.numbers import free_input, rotors
 from pfd_core.machine.iteration import TOLERANCE, iterate
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
@@ -78,9 +77,7 @@ def record_walker_orin_4(plant: Plant, tolerance: float = TOLERANCE) -> Program:
         # NaN is not above `enough`; like infinity, it fails the test of 1 / (1 + e).
         finite = where(1.0 / (1.0 + state[-1]), 1.0, 0.0)
         converged = where(state[-1] - enough, 0.0, finite)
-    return program_with_outputs(
-        recorder, qdd=state[:n], iterations=[iterations], converged=[converged]
-    )
+    return recorder.program(qdd=state[:n], iterations=[iterations], converged=[converged])
 
 
 def _step(state: Sequence[Lanes], t: Sequence[Lanes]) -> tuple[tuple[Lanes, ...], Lanes]:

@@ -29,7 +29,6 @@ from itertools import pairwise
 import numpy as np
 
 from pfd_core.dynamics.energy import gravity_torques
-from pfd_core.dynamics.interface import input_list, program_with_outputs
 from pfd_core.machine.lanes import absolute, merge, on, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
@@ -48,8 +47,8 @@ def record_motor_torques(plant: Plant) -> Program:
     from these and passes the difference to the plant without effects of its motors.
     """
     recorder = Recorder(1, 'sequential')
-    qd, tau = (input_list(recorder, name, plant.robot.n) for name in ('qd', 'tau'))
-    return program_with_outputs(recorder, tau=motor_torques(plant, tau, qd))
+    qd, tau = (recorder.input_list(name, plant.robot.n) for name in ('qd', 'tau'))
+    return recorder.program(tau=motor_torques(plant, tau, qd))
 
 
 def motor_torques(

@@ -32,7 +32,6 @@ from itertools import accumulate
 from typing import Any
 
 from pfd_core.dynamics.chain import Chain, chain_of
-from pfd_core.dynamics.interface import program_with_outputs
 from pfd_core.dynamics.joint_torques import stored_energies
 from pfd_core.dynamics.joints import Joint, from_tip, inward, turned_back
 from pfd_core.dynamics.numbers import Numbers, rotors
@@ -55,7 +54,7 @@ def record_energy(plant: Plant) -> Program:
     chain = chain_of(plant)
     with chain.recorder.section('energy'):
         energy = [_kinetic(chain), _potential(chain)]
-    return program_with_outputs(chain.recorder, energy=energy)
+    return chain.recorder.program(energy=energy)
 
 
 def _kinetic(chain: Chain) -> Any:

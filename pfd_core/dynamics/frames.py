@@ -34,7 +34,6 @@ from dataclasses import replace
 import numpy as np
 
 from pfd_core.dynamics.chain import joints_at, positions
-from pfd_core.dynamics.interface import input_list, program_with_outputs, wrench_input
 from pfd_core.dynamics.joints import (
     ABOUT_Z,
     Joint,
@@ -47,6 +46,7 @@ from pfd_core.dynamics.joints import (
     with_axis,
 )
 from pfd_core.dynamics.links import centered_links
+from pfd_core.dynamics.numbers import wrench_input
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Recorder
 from pfd_core.machine.vectors import array, constants, cross
@@ -66,7 +66,7 @@ def record_tip_pose(plant: Plant, frame: Frame) -> Program:
         x, y, e = R0 @ x, R0 @ y, p0 + R0 @ e
         rows = np.stack([x, y, cross(x, y), e], axis=1)
         pose = np.concatenate([rows, array([[0.0, 0.0, 0.0, 1.0]])])
-    return program_with_outputs(recorder, pose=pose)
+    return recorder.program(pose=pose)
 
 
 def record_tip_jacobian(plant: Plant, frame: Frame) -> Program:
@@ -87,13 +87,13 @@ def record_tip_jacobian(plant: Plant, frame: Frame) -> Program:
             else:
                 J[:3, i] = x * R[:, 1] - y * R[:, 0]
                 J[3:, i] = R[:, 2]
-    return program_with_outputs(recorder, jacobian=[gathered(plant.robot, row) for row in J])
+    return recorder.program(jacobian=[gathered(plant.robot, row) for row in J])
 
 
 def record_tip_velocity(plant: Plant, frame: Frame) -> Program:
     """Return the program of J qd, (6,), linear first, from q and qd."""
     recorder, joints, _, e = _joints_to(plant, frame)
-    rates = spread(plant.robot, input_list(recorder, 'qd', plant.robot.n))[: len(joints)]
+    rates = spread(plant.robot, recorder.input_list('qd', plant.robot.n))[: len(joints)]
     with recorder.section('velocity'):
         v = w = array([0.0] * 3)
         for joint, rate in zip(_turned_once(joints)[::-1], rates[::-1], strict=True):
@@ -104,7 +104,7 @@ def record_tip_velocity(plant: Plant, frame: Frame) -> Program:
                 w = with_axis(w, rate)
             v, w, e = inward(joint, v), inward(joint, w), joint.r + inward(joint, e)
         R0, _ = _base(recorder, plant, frame)
-    return program_with_outputs(recorder, velocity=np.concatenate([R0 @ v, R0 @ w]))
+    return recorder.program(velocity=np.concatenate([R0 @ v, R0 @ w]))
 
 
 def record_wrench_torques(plant: Plant, frame: Frame) -> Program:
@@ -118,7 +118,7 @@ def record_wrench_torques(plant: Plant, frame: Frame) -> Program:
         for i, joint in reversed(list(enumerate(joints))):
             torques[i] = along(joint, force)
             force = force_in(joint, force)
-    return program_with_outputs(recorder, torques=gathered(plant.robot, torques))
+    return recorder.program(torques=gathered(plant.robot, torques))
 
 
 def _joints_to(plant: Plant, frame: Frame) -> tuple[Recorder, list[Joint], LaneArray, LaneArray]:

@@ -28,7 +28,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.dynamics.interface import input_list, input_row, program_with_outputs
 from pfd_core.dynamics.numbers import Numbers
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
@@ -55,9 +54,9 @@ def minus_joint_torques(plant: Plant, tau: Sequence[Lanes], qd: Sequence[Lanes])
 def record_joint_torques(plant: Plant) -> Program:
     """Return the program of the torques of the effects, tau, (n,), from q and qd."""
     recorder = Recorder(1, 'sequential')
-    qd = input_list(recorder, 'qd', plant.robot.n)
+    qd = recorder.input_list('qd', plant.robot.n)
     tau = plus_joint_torques(plant, [recorder.constant(0.0)] * len(qd), qd)
-    return program_with_outputs(recorder, tau=tau)
+    return recorder.program(tau=tau)
 
 
 def stored_energies(plant: Plant, q: Sequence[Lanes]) -> Iterator[Lanes]:
@@ -92,7 +91,7 @@ def _terms(
     for effect in _acting(plant):
         if effect.torque is not None:
             row = len(qd) == 1 and recorder.lanes > 1
-            q = [input_row(recorder, 'q')] if row else input_list(recorder, 'q', len(qd))
+            q = [recorder.input_row('q')] if row else recorder.input_list('q', len(qd))
             yield map(effect.torque, _constants(effect, plant, qd), q, qd)
     if plant.inertia is not None and qdd is not None:
         yield map(operator.mul, (numbers('inertia', row) for row in joints), qdd)

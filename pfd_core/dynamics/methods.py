@@ -7,7 +7,7 @@ Methods of forward dynamics: the table FORWARD, one row each.
 
 Kernels, emulation and the tables of the documentation follow from the rows. A new method is a row,
 which names the module with the function that records its program, record_<name of the method>; it
-is imported when the method is first recorded. Inputs are described in pfd_core.dynamics.interface.
+is imported when the method is first recorded. Inputs are described in pfd_core.dynamics.
 
 On n lanes all METHODS, which kernels offer, take our form of the bias, which has fewer steps than
 the paper's NE1 (pfd_core.paper.newton_euler).

@@ -29,11 +29,10 @@ from typing import Any, NamedTuple
 from pfd_core.dynamics.chain import Chain, chain_of
 from pfd_core.dynamics.drives import commanded_torques, motor_torques
 from pfd_core.dynamics.energy import gravity_torques
-from pfd_core.dynamics.interface import program_with_outputs, wrench_input
 from pfd_core.dynamics.joint_torques import minus_joint_torques, plus_joint_torques
 from pfd_core.dynamics.joints import Force, along, force_in, force_sum, from_tip, turned_back
 from pfd_core.dynamics.links import CENTERED
-from pfd_core.dynamics.numbers import Numbers
+from pfd_core.dynamics.numbers import Numbers, wrench_input
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import UPPER, array, constants, cross
@@ -63,7 +62,7 @@ def record_inverse_dynamics(plant: Plant) -> Program:
     with chain.recorder.section('torques'):
         tau = plus_joint_torques(plant, torques(chain, qd, qdd), qd, qdd)
         tau = commanded_torques(plant, tau)
-    return program_with_outputs(chain.recorder, tau=tau)
+    return chain.recorder.program(tau=tau)
 
 
 def record_bias_torques(plant: Plant) -> Program:
@@ -72,7 +71,7 @@ def record_bias_torques(plant: Plant) -> Program:
     qd = chain.inputs('qd')
     with chain.recorder.section('torques'):
         bias = commanded_torques(plant, plus_joint_torques(plant, torques(chain, qd), qd))
-    return program_with_outputs(chain.recorder, bias=bias)
+    return chain.recorder.program(bias=bias)
 
 
 def record_gravity_torques(plant: Plant) -> Program:
@@ -86,7 +85,7 @@ def record_gravity_torques(plant: Plant) -> Program:
         tau = gravity_torques(recorder, plant)
         tau = plus_joint_torques(plant, tau, [recorder.constant(0.0) for _ in tau])
         tau = commanded_torques(plant, tau)
-    return program_with_outputs(recorder, gravity=tau)
+    return recorder.program(gravity=tau)
 
 
 def record_link_torques(plant: Plant, parameters: str = CENTERED) -> Program:
@@ -100,7 +99,7 @@ def record_link_torques(plant: Plant, parameters: str = CENTERED) -> Program:
     qd, qdd = chain.inputs('qd'), chain.inputs('qdd')
     with chain.recorder.section('torques'):
         tau = plus_joint_torques(plant, torques(chain, qd, qdd), qd, qdd)
-    return program_with_outputs(chain.recorder, tau=tau)
+    return chain.recorder.program(tau=tau)
 
 
 def right_side(chain: Chain) -> list[Lanes]:

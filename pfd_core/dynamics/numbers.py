@@ -88,6 +88,17 @@ def rotors(recorder: Recorder, plant: Plant) -> list[Any]:
     return [numbers.known('inertia', i) for i in range(n)]
 
 
+def free_input(recorder: Recorder, plant: Plant) -> list[Lanes] | None:
+    """Return the input `free` as n numbers on one processor; None for a plant without brakes."""
+    return recorder.input_list('free', plant.robot.n) if plant.brakes else None
+
+
+def wrench_input(recorder: Recorder) -> LaneArray:
+    """Return the six components of the wrench, on the last lane."""
+    empty = [None] * (recorder.lanes - 1)
+    return array([recorder.input('wrench', [*empty, k]) for k in range(6)])
+
+
 def values(plant: Plant, field: str) -> Array:
     """Return the numbers of a field, NaN for those that vary; the field must be on."""
     if field in plant.links:

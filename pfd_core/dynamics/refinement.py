@@ -54,7 +54,6 @@ import operator
 import numpy as np
 
 from pfd_core.dynamics.drives import motor_torques
-from pfd_core.dynamics.interface import input_list, program_with_outputs
 from pfd_core.dynamics.links import CENTERED, GIVEN
 from pfd_core.dynamics.methods import record_forward_dynamics
 from pfd_core.dynamics.newton_euler import record_link_torques
@@ -86,7 +85,7 @@ def record_refined(
     solved = solver(recorder, plant, method, tolerance)
     results = inline(recorder, method_program, {})
     qdd = refined(plant, results['qdd'], lambda torques: solved(torques)['qdd'], steps)
-    return program_with_outputs(recorder, **results | {'qdd': qdd})
+    return recorder.program(**results | {'qdd': qdd})
 
 
 def refined(
@@ -110,14 +109,14 @@ def record_error(plant: Plant, method: str, dtype: str, tolerance: float | None 
     positive or the iteration has not converged.
     """
     recorder = Recorder(1, 'sequential')
-    qdd = input_list(recorder, 'qdd', plant.robot.n)
+    qdd = recorder.input_list('qdd', plant.robot.n)
     with recorder.section('exact residual'):
         r = _exact_residual(recorder, plant, dtype)
     results = solver(recorder, plant, method, tolerance)(r)
     with recorder.section('error estimate'):
         right = [a + d for a, d in zip(qdd, results['qdd'], strict=True)]
         error = _estimate(right, results)
-    return program_with_outputs(recorder, error=[error])
+    return recorder.program(error=[error])
 
 
 def solver(
@@ -141,12 +140,12 @@ def record_residual(plant: Plant) -> Program:
 
 def _residual(plant: Plant, torques: Program) -> Program:
     recorder = Recorder(1, 'sequential')
-    tau, qd = (input_list(recorder, name, plant.robot.n) for name in ('tau', 'qd'))
+    tau, qd = (recorder.input_list(name, plant.robot.n) for name in ('tau', 'qd'))
     tau = motor_torques(plant, tau, qd)
     needed = inline(recorder, torques, {})['tau']
     with recorder.section('residual'):
         residual = [t - u for t, u in zip(tau, needed, strict=True)]
-    return program_with_outputs(recorder, residual=residual, tau=tau)
+    return recorder.program(residual=residual, tau=tau)
 
 
 def _exact_residual(recorder: Recorder, plant: Plant, dtype: str) -> list[Lanes]:
@@ -197,7 +196,7 @@ def record_small_correction(plant: Plant) -> Program:
     """
     recorder = Recorder(1, 'sequential')
     solve = solver(recorder, plant, 'composite_body')
-    qdd = input_list(recorder, 'qdd', plant.robot.n)
+    qdd = recorder.input_list('qdd', plant.robot.n)
     found = inline(recorder, record_residual(plant), {})
     delta, y = (solve(found[x])['qdd'] for x in ('residual', 'tau'))
     with recorder.section('convergence'):
@@ -205,7 +204,7 @@ def record_small_correction(plant: Plant) -> Program:
         excess = change - CORRECTION * (_size(qdd) + _size(y))
         # 1/(1 + change) is above zero for finite numbers only.
         small = where(excess, 0.0, where(1.0 / (1.0 + change), 1.0, 0.0))
-    return program_with_outputs(recorder, small=[small])
+    return recorder.program(small=[small])
 
 
 def with_nan_unless_converged(program: Program, plant: Plant) -> Program:
@@ -220,7 +219,7 @@ def with_nan_unless_converged(program: Program, plant: Plant) -> Program:
             where(results['converged'][0], where(small[0], value, math.nan), math.nan)
             for value in results['qdd']
         ]
-    return program_with_outputs(recorder, **results)
+    return recorder.program(**results)
 
 
 def _size(values: list[Lanes]) -> Lanes:

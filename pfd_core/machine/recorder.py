@@ -160,6 +160,14 @@ class Recorder:
         defined = sum(1 << i for i, element in enumerate(elements) if element is not None)
         return self._row('input', (), [(name, element) for element in elements], defined)
 
+    def input_row(self, name: str) -> Lanes:
+        """Return an input of n elements as one row, an element per lane."""
+        return self.input(name, range(self.lanes))
+
+    def input_list(self, name: str, n: int) -> list[Lanes]:
+        """Return an input of n elements as n numbers on one processor."""
+        return [self.input(name, [i]) for i in range(n)]
+
     def constant(self, values: float | Sequence[float] | NDArray[np.float64]) -> Lanes:
         """Return a row of numbers known while recording: one for all lanes, or one each."""
         row = np.broadcast_to(np.asarray(values, dtype=np.float64), (self.lanes,))
@@ -244,8 +252,18 @@ class Recorder:
             places.append(own)
         self._outputs[name] = Output(shape, tuple(places))
 
-    def program(self) -> Program:
-        """Return the program recorded so far."""
+    def program(self, **results: Any) -> Program:
+        """
+        Return the program recorded so far, with these further outputs.
+
+        A result is a row, an element per lane, or an array of numbers on one processor.
+        """
+        for name, value in results.items():
+            if isinstance(value, Lanes):
+                self.output(name, (self.lanes,), [(value, i) for i in range(self.lanes)])
+            else:
+                numbers = np.array(value, dtype=object)
+                self.output(name, numbers.shape, [(x, 0) for x in numbers.flat])
         return Program(
             self.lanes if self.parallel else 1,
             tuple(self._instructions),

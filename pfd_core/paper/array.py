@@ -54,7 +54,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.dynamics.interface import program_with_outputs
 from pfd_core.machine.lanes import merge, on, sqrt, where
 from pfd_core.machine.program import Instruction, Program, Steps
 from pfd_core.machine.recorder import Lanes
@@ -285,7 +284,7 @@ def record_pcrbm_array(plant: Plant, schedule: str) -> Program:
         trace = clock([problem], turn=True)
     qdd = [trace.sent((k, 1), 'left')[0].value for k in range(1, n + 1)]
     pivots = [trace.states[k, k].radicand for k in range(1, n + 1)]
-    return program_with_outputs(recorder, qdd=qdd, pivots=pivots)
+    return recorder.program(qdd=qdd, pivots=pivots)
 
 
 def solve_cycles(n: int) -> int:

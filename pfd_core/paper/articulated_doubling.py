@@ -70,7 +70,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pfd_core.dynamics.interface import input_row, program_with_outputs
 from pfd_core.machine.lanes import merge, on, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
@@ -132,14 +131,14 @@ def record_articulated_body_doubling(plant: Plant, schedule: str) -> Program:
     chain, y = forward_equations(plant, schedule)
     recorder, n, free = chain.recorder, chain.recorder.lanes, None
     if plant.brakes:
-        free = input_row(recorder, 'free')
+        free = recorder.input_row('free')
         y = where(free, y, 0.0)
     m = 5 if free is None and chain.rotors is None else 6
     without = light_links(plant, NOTHING)
     with recorder.section('link constants'):
         inertia, X = _links(chain)
     with recorder.section('joint rotation'):
-        joint = joint_motion(chain, input_row(recorder, 'q')) if n > 1 else None
+        joint = joint_motion(chain, recorder.input_row('q')) if n > 1 else None
     with recorder.section('single links'):
         D, own = inertia[T, T], inertia[:m, T]
         if chain.rotors is not None:
@@ -147,7 +146,7 @@ def record_articulated_body_doubling(plant: Plant, schedule: str) -> Program:
         if free is not None:
             D = where(free, D, math.inf)
         if joint is None:
-            return program_with_outputs(recorder, qdd=y / D, pivots=D)
+            return recorder.program(qdd=y / D, pivots=D)
         X = joint.before().across(X, back=True)
         u, X, t = X[:m, T], X[:m, :m], X[T]
         pieces = _single_links(inertia, X, u, D, without, m)
@@ -176,7 +175,7 @@ def record_articulated_body_doubling(plant: Plant, schedule: str) -> Program:
         if m == 5:
             b = array(merge(b, constants(recorder, [0.0] * 5)))
             qdd = merge(qdd - shift(t[:5] @ b + t[T] * qdd, 1), qdd)
-    return program_with_outputs(recorder, qdd=qdd, pivots=d)
+    return recorder.program(qdd=qdd, pivots=d)
 
 
 def joined_links(robot: Robot, without: Collection[int]) -> dict[int, int]:

@@ -40,7 +40,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.dynamics.interface import input_row
 from pfd_core.machine.lanes import cos, merge, on, sin
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import UPPER, array, constants, rotated_symmetric
@@ -100,7 +99,7 @@ def chain_on_lanes(plant: Plant, schedule: str, edition: Edition = OURS) -> Chai
     A = rows(recorder, A)
     m, s, J = recorder.constant(robot.masses), rows(recorder, s), rows(recorder, J)
     turning, sliding = (tuple(np.flatnonzero(x).tolist()) for x in (robot.turning, ~robot.turning))
-    q = input_row(recorder, 'q')
+    q = recorder.input_row('q')
     with recorder.section('joint rotation'):
         R = A
         if turning:

@@ -71,7 +71,6 @@ from functools import partial
 from operator import add, mul
 
 from pfd_core.dynamics.drives import motor_torques
-from pfd_core.dynamics.interface import input_row, program_with_outputs
 from pfd_core.dynamics.methods import check_payload
 from pfd_core.machine.lanes import merge, on, where
 from pfd_core.machine.program import Program
@@ -134,14 +133,14 @@ def _solved(chain: Chain, rows: Rows, y: Lanes, edition: Edition = OURS) -> Prog
         rows, y, free = held_joints(rows, y)
     if not edition.printed:
         qdd, pivots = solve(rows, y, free)
-        return program_with_outputs(chain.recorder, qdd=qdd, pivots=pivots)
+        return chain.recorder.program(qdd=qdd, pivots=pivots)
     with chain.recorder.section('factorisation'):
         factors = literal_factor(rows) if edition.has(CHOLESKY) else cholesky(rows, free)
         columns, roots, pivots = factors
     with chain.recorder.section('column sweeps'):
         x = column_sweep(columns, y, roots)
         qdd = column_sweep(transposed(columns), x, roots, downward=True)
-    return program_with_outputs(chain.recorder, qdd=qdd, pivots=pivots)
+    return chain.recorder.program(qdd=qdd, pivots=pivots)
 
 
 def record_terms(plant: Plant, schedule: str) -> Program:
@@ -149,7 +148,7 @@ def record_terms(plant: Plant, schedule: str) -> Program:
     check_instant(plant)
     check_payload(plant, 'terms')
     chain = chain_on_lanes(plant, schedule)
-    bias = torques(chain, input_row(chain.recorder, 'qd'), edition=CORRECTED)
+    bias = torques(chain, chain.recorder.input_row('qd'), edition=CORRECTED)
     return _with_matrix(chain, bias=bias)
 
 
@@ -160,7 +159,7 @@ def record_residual(plant: Plant) -> Program:
     The residual is the torque that accelerations miss, by NE1, from q, qd, tau and qdd.
     """
     chain = chain_on_lanes(plant, 'unpacked')
-    qd, tau, qdd = (input_row(chain.recorder, name) for name in ('qd', 'tau', 'qdd'))
+    qd, tau, qdd = (chain.recorder.input_row(name) for name in ('qd', 'tau', 'qdd'))
     (motors,) = motor_torques(plant, [tau], [qd], partial(gravity_torques, chain))
     residual = motors - torques(chain, qd, qdd, CORRECTED)
     return _with_matrix(chain, residual=residual, motors=motors)
@@ -170,7 +169,7 @@ def _with_matrix(chain: Chain, **results: Lanes) -> Program:
     rows, n = inertia_matrix(chain), chain.recorder.lanes
     elements = [(rows[min(i, j)], max(i, j)) for i in range(n) for j in range(n)]
     chain.recorder.output('H', (n, n), elements)
-    return program_with_outputs(chain.recorder, **results)
+    return chain.recorder.program(**results)
 
 
 def inertia_matrix(chain: Chain, edition: Edition = OURS) -> Rows:

@@ -40,7 +40,6 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Any
 
-from pfd_core.dynamics.interface import input_row, program_with_outputs
 from pfd_core.machine.iteration import TOLERANCE, iterate, leave_the_last
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
@@ -76,7 +75,7 @@ def record_pcgm(
     """
     chain, y = forward_equations(plant, schedule, edition)
     recorder = chain.recorder
-    free = input_row(recorder, 'free') if plant.brakes else None
+    free = recorder.input_row('free') if plant.brakes else None
 
     def free_part(x: Lanes) -> Any:
         return x if free is None else where(free, x, 0.0)
@@ -85,7 +84,7 @@ def record_pcgm(
         return free_part(inertia_times(chain, u, packs=not edition.printed))
 
     w = y = free_part(y)
-    x = free_part(input_row(recorder, 'start')) if start else recorder.constant(0.0)
+    x = free_part(recorder.input_row('start')) if start else recorder.constant(0.0)
     if start and not edition.has(STEP_4):
         with recorder.section('step 4'):
             w = y - times(x)
@@ -125,7 +124,7 @@ def record_pcgm(
         with recorder.section('convergence'):
             # One if e <= limit, zero residuals included; NaN fails the comparison with minus one.
             converged = where(last - floor, 0.0, where(last + 1.0, 1.0, 0.0))
-    return program_with_outputs(recorder, iterations=[iterations], converged=[converged], qdd=x)
+    return recorder.program(iterations=[iterations], converged=[converged], qdd=x)
 
 
 def record_pcgm_1987(

@@ -61,7 +61,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pfd_core.dynamics.interface import input_row, program_with_outputs
 from pfd_core.machine.lanes import cos, merge, on, sin
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, lanes_of
@@ -93,7 +92,7 @@ def record_constraint_forces(plant: Plant, schedule: str) -> Program:
     chain, y = forward_equations(plant, schedule)
     recorder, n = chain.recorder, plant.robot.n
     with recorder.section('joint rotation'):
-        joint = joint_motion(chain, input_row(recorder, 'q'))
+        joint = joint_motion(chain, recorder.input_row('q'))
     slides = set(chain.translational)
     with recorder.section('link constants'):
         body = _bodies(recorder, plant, range(n))
@@ -135,7 +134,7 @@ def record_constraint_forces(plant: Plant, schedule: str) -> Program:
             at_outer = outer[T] @ moved - through[:, T] @ array([*shift(forces, 1), shift(y, 1)])
             qdd = merge(qdd + at_outer, qdd)
             qdd = merge(qdd - shift(through[T] @ moved, -1), qdd)
-    return program_with_outputs(recorder, qdd=qdd, pivots=inverse[-1])
+    return recorder.program(qdd=qdd, pivots=inverse[-1])
 
 
 def _check(plant: Plant) -> None:

@@ -65,7 +65,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.dynamics.interface import input_row, program_with_outputs
 from pfd_core.machine.lanes import absolute, merge, on, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes
@@ -132,7 +131,7 @@ def record_divide_and_conquer(plant: Plant, schedule: str) -> Program:
     chain, y = forward_equations(plant, schedule)
     recorder, free = chain.recorder, None
     if plant.brakes:
-        free = input_row(recorder, 'free')
+        free = recorder.input_row('free')
         y = where(free, y, 0.0)
     lent = lent_rotors(plant)
     rotors = [recorder.constant(r) for r in (plant.inertia, lent) if r is not None and r.any()]
@@ -154,10 +153,10 @@ def record_divide_and_conquer(plant: Plant, schedule: str) -> Program:
     with recorder.section('accelerations'):
         x = (columns - IS @ a + u @ phi) * inverse
     if not lent.any():
-        return program_with_outputs(recorder, qdd=x[0], pivots=D)
+        return recorder.program(qdd=x[0], pivots=D)
     with recorder.section('lent rotors'):
         qdd, pivots = _without_rotors(lent, x, D)
-    return program_with_outputs(recorder, qdd=qdd, pivots=pivots)
+    return recorder.program(qdd=qdd, pivots=pivots)
 
 
 def _single_links(

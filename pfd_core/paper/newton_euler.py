@@ -48,9 +48,9 @@ from collections.abc import Callable
 from functools import partial
 
 from pfd_core.dynamics.drives import commanded_torques, motor_torques
-from pfd_core.dynamics.interface import input_row, program_with_outputs, wrench_input
 from pfd_core.dynamics.joint_torques import plus_joint_torques
 from pfd_core.dynamics.methods import check_payload
+from pfd_core.dynamics.numbers import wrench_input
 from pfd_core.machine.lanes import merge, on
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes
@@ -69,7 +69,7 @@ Turned = Callable[..., LaneArray]
 def forward_equations(plant: Plant, schedule: str, edition: Edition = OURS) -> tuple[Chain, Lanes]:
     """Return the chain of a plant on n lanes and y [N m or N], from the inputs q, qd and tau."""
     chain = chain_on_lanes(plant, schedule, edition)
-    qd, tau = input_row(chain.recorder, 'qd'), input_row(chain.recorder, 'tau')
+    qd, tau = chain.recorder.input_row('qd'), chain.recorder.input_row('tau')
     (tau,) = motor_torques(plant, [tau], [qd], partial(gravity_torques, chain))
     bias = torques(chain, qd, edition=edition)
     with chain.recorder.section('right-hand side'):
@@ -85,10 +85,10 @@ def record_inverse_dynamics(plant: Plant, schedule: str) -> Program:
     check_instant(plant)
     check_payload(plant, 'inverse_dynamics')
     chain = chain_on_lanes(plant, schedule)
-    qd, qdd = input_row(chain.recorder, 'qd'), input_row(chain.recorder, 'qdd')
+    qd, qdd = chain.recorder.input_row('qd'), chain.recorder.input_row('qdd')
     tau = torques(chain, qd, qdd, CORRECTED)
     (tau,) = commanded_torques(plant, [tau], partial(gravity_torques, chain))
-    return program_with_outputs(chain.recorder, tau=tau)
+    return chain.recorder.program(tau=tau)
 
 
 def torques(chain: Chain, qd: Lanes, qdd: Lanes | None = None, edition: Edition = OURS) -> Lanes:

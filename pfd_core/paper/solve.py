@@ -58,7 +58,6 @@ from itertools import pairwise
 import math
 from operator import mul
 
-from pfd_core.dynamics.interface import input_row
 from pfd_core.machine.lanes import merge, on, sqrt, where
 from pfd_core.machine.recorder import Lanes
 from pfd_core.paper.lanes import Board, assigned, broadcast, collect, gather, packed, shift
@@ -215,7 +214,7 @@ def held_joints(rows: Sequence[Lanes], y: Lanes) -> tuple[list[Lanes], Lanes, La
     Of a braked joint's equation the diagonal element remains; a solve takes it as infinite.
     """
     with y.recorder.section('brakes'):
-        free, n, held = input_row(y.recorder, 'free'), len(rows), []
+        free, n, held = y.recorder.input_row('free'), len(rows), []
         for i, row in enumerate(rows):
             beyond = on(row, range(i + 1, n))
             if i < n - 1:

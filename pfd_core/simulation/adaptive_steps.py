@@ -33,7 +33,6 @@ from dataclasses import dataclass
 from functools import partial
 import math
 
-from pfd_core.dynamics.interface import program_with_outputs
 from pfd_core.kernels.ir import Code
 from pfd_core.kernels.script import Frame, Script
 from pfd_core.kernels.simulate import MOTION
@@ -342,7 +341,7 @@ def _look(n: int) -> Program:
         at = added(begin, rise)
         outputs[f'{name}.look'] = [where(rest, *x) for x in zip(at, end, strict=True)]
         outputs[f'{name}.before'] = before
-    return program_with_outputs(recorder, **outputs)
+    return recorder.program(**outputs)
 
 
 def _looked(law: Law) -> Program:
@@ -361,8 +360,7 @@ def _looked(law: Law) -> Program:
     before = both(any_of([*turns, *beyond]), sign_of(part - 1.5 / LOOKS))
     part = where(before, part - 1 / LOOKS, part)
     shorter = both(found, sign_of(1.0 - part))
-    return program_with_outputs(
-        recorder,
+    return recorder.program(
         looks=[both(negated(found), sign_of(1.0 - part))],
         found=[found],
         r=[where(shorter, part * r, r)],
@@ -388,8 +386,7 @@ def _noted(law: Law) -> Program:
             flag = both(flag, rests(unbraked[i], moving[i]))
         known.append(flag)
     at_once = both(event, negated(r - span * law.short))
-    return program_with_outputs(
-        recorder,
+    return recorder.program(
         happened=[both(event, both(moved, any_of(known)))],
         settles=[either(event, any_of(sticks))],
         sticks=[both(at_once, flag) for flag in sticks],

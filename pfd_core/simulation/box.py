@@ -48,7 +48,6 @@ import math
 
 import numpy as np
 
-from pfd_core.dynamics.interface import program_with_outputs
 from pfd_core.dynamics.numbers import Numbers
 from pfd_core.machine.lanes import absolute, sqrt, where
 from pfd_core.machine.program import Program
@@ -125,8 +124,7 @@ def record_pivot(n: int) -> Program:
         where(held_again[i], where(absolute(last[i]), barred[i], one), barred[i]) for i in range(n)
     ]
     back = [where(held_again[i], 0.0, direction[i]) for i in range(n)]
-    return program_with_outputs(
-        recorder,
+    return recorder.program(
         moving=list(map(chosen, moving, again, more)),
         direction=list(map(chosen, direction, back, sent)),
         last=list(map(chosen, last, halfway, x)),
@@ -153,7 +151,7 @@ def record_hits(law: Law) -> Program:
             near = max(LEAST_HEIGHT, ROUNDINGS * rounding)
             touches = both(into[i], sign_of(near - absolute(q[i] - stop)))
             on_stops[i] = where(touches, stop, on_stops[i])
-    return program_with_outputs(recorder, q=on_stops, hits=[any_of(into)])
+    return recorder.program(q=on_stops, hits=[any_of(into)])
 
 
 def record_compression(law: Law) -> Program:
@@ -168,8 +166,7 @@ def record_compression(law: Law) -> Program:
     zeros = [recorder.constant(0.0)] * n
     at_lower, at_upper = law.at_stops(q)
     candidate = [both(unbraked[i], either(at_lower[i], at_upper[i])) for i in range(n)]
-    return program_with_outputs(
-        recorder,
+    return recorder.program(
         direction=zeros,
         moving=[where(candidate[i], 0.0, unbraked[i]) for i in range(n)],
         candidate=candidate,
@@ -195,7 +192,7 @@ def record_impulses(law: Law) -> Program:
     p = [where(stopped[i], torque[i] - load[i], 0.0) for i in range(n)]
     numbers = Numbers(recorder, law.plant)
     thrown = [p[i] * numbers.known('restitution', i) for i in range(n)]
-    return program_with_outputs(recorder, impulse=p, thrown=thrown)
+    return recorder.program(impulse=p, thrown=thrown)
 
 
 def record_restitution(law: Law) -> Program:
@@ -218,7 +215,7 @@ def record_restitution(law: Law) -> Program:
     after = [where(hits, v0[i] + alpha * returned[i], qd[i]) for i in range(n)]
     still = [both(unbraked[i], flag) for i, flag in enumerate(law.into_stops(q, after))]
     # An arm whose step ended at a stop has its impact in the next one, whatever its neighbours do.
-    return program_with_outputs(recorder, qd=after, still=[both(hits, any_of(still))])
+    return recorder.program(qd=after, still=[both(hits, any_of(still))])
 
 
 def record_settling(n: int) -> Program:
@@ -235,8 +232,7 @@ def record_settling(n: int) -> Program:
         returns = both(sign_of(absolute(impulse)), sign_of(-(v * a)))
         low = sign_of((2.0 * LEAST_HEIGHT) * absolute(a) - v * v)
         settles.append(both(returns, low))
-    return program_with_outputs(
-        recorder,
+    return recorder.program(
         thrown=[where(flag, 0.0, p) for flag, p in zip(settles, thrown, strict=True)],
         again=[any_of(settles)],
     )
@@ -246,4 +242,4 @@ def record_inelastic(n: int) -> Program:
     """Return the program of qd after an impact without restitution: x with hits, else qd."""
     recorder = Recorder(1, 'sequential')
     (x, qd), (hits,) = read(recorder, n, 'x', 'qd'), single(recorder, 'hits')
-    return program_with_outputs(recorder, qd=[where(hits, x[i], qd[i]) for i in range(n)])
+    return recorder.program(qd=[where(hits, x[i], qd[i]) for i in range(n)])

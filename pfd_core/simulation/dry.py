@@ -37,7 +37,6 @@ import math
 
 import numpy as np
 
-from pfd_core.dynamics.interface import input_list, program_with_outputs
 from pfd_core.dynamics.numbers import Numbers
 from pfd_core.forking import cached_property
 from pfd_core.kernels.simulate import UNFINISHED
@@ -203,19 +202,19 @@ class Law:
 
 def read(recorder: Recorder, n: int, *names: str) -> list[Row]:
     """Return some inputs of n numbers."""
-    return [input_list(recorder, name, n) for name in names]
+    return [recorder.input_list(name, n) for name in names]
 
 
 def single(recorder: Recorder, *names: str) -> Row:
     """Return some inputs of one number."""
-    return [input_list(recorder, name, 1)[0] for name in names]
+    return [recorder.input_list(name, 1)[0] for name in names]
 
 
 def record_load(law: Law, damped: bool) -> Program:
     """Return the program of y, (n,), from torques tau of the motors, qd and direction."""
     recorder = Recorder(1, 'sequential')
     tau, qd, direction = read(recorder, law.n, 'tau', 'qd', 'direction')
-    return program_with_outputs(recorder, y=law.load(tau, qd, direction, damped))
+    return recorder.program(y=law.load(tau, qd, direction, damped))
 
 
 def record_watch(law: Law) -> Program:
@@ -228,7 +227,7 @@ def record_watch(law: Law) -> Program:
     q, qd = read(recorder, law.n, 'q', 'qd')
     flags = [negated(qd[i] * qd[i]) for i in law.rough]
     flags += [negated(s * (q[i] - x)) for i, stops in enumerate(law.stops) for s, x in stops]
-    return program_with_outputs(recorder, watch=[any_of(flags)])
+    return recorder.program(watch=[any_of(flags)])
 
 
 def record_directions(n: int) -> Program:
@@ -236,7 +235,7 @@ def record_directions(n: int) -> Program:
     recorder = Recorder(1, 'sequential')
     (qd,) = read(recorder, n, 'qd')
     direction = [where(v, 1.0, where(-v, -1.0, 0.0)) for v in qd]
-    return program_with_outputs(recorder, direction=direction)
+    return recorder.program(direction=direction)
 
 
 def record_modes(law: Law) -> Program:
@@ -261,8 +260,7 @@ def record_modes(law: Law) -> Program:
         holds = either(rough, either(low[i], high[i]))
         candidate.append(both(unbraked[i], both(negated(absolute(v)), holds)))
     below, above = (list(map(either, sticks, side)) for side in (high, low))
-    return program_with_outputs(
-        recorder,
+    return recorder.program(
         moving=[where(flag, 0.0, free) for flag, free in zip(candidate, unbraked, strict=True)],
         candidate=candidate,
         lower=[where(flag, -math.inf, -f) for flag, f in zip(below, bound, strict=True)],
@@ -278,7 +276,7 @@ def record_held(n: int) -> Program:
     recorder = Recorder(1, 'sequential')
     moving, unbraked = read(recorder, n, 'moving', 'unbraked')
     held = any_of(list(map(rests, unbraked, moving)))
-    return program_with_outputs(recorder, held=[held], slides=[negated(held)])
+    return recorder.program(held=[held], slides=[negated(held)])
 
 
 def record_first(n: int) -> Program:
@@ -286,9 +284,7 @@ def record_first(n: int) -> Program:
     recorder = Recorder(1, 'sequential')
     K0, x = read(recorder, n, 'K0', 'x.begin')
     (held,) = single(recorder, 'held')
-    return program_with_outputs(
-        recorder, K0=[where(held, b, a) for a, b in zip(K0, x, strict=True)]
-    )
+    return recorder.program(K0=[where(held, b, a) for a, b in zip(K0, x, strict=True)])
 
 
 def rests(unbraked: Lanes, moving: Lanes) -> Lanes:
@@ -373,7 +369,7 @@ def record_detect(law: Law) -> Program:
             back = both(sign_of(s * (place - segment.q0[i])), sign_of(falls))
             turns[i] = turns[i] + both(on, either(dips, both(back, sign_of(-rises))))
     seek = both(rest, any_of([*flags, *(turns[i] for i in range(n) if law.stops[i])]))
-    return program_with_outputs(recorder, seek=[seek], event=[seek], turns=turns)
+    return recorder.program(seek=[seek], event=[seek], turns=turns)
 
 
 def record_loose(law: Law) -> Program:
@@ -390,7 +386,7 @@ def record_loose(law: Law) -> Program:
     slack = greatest * (law.eps * SLACK[law.dtype])
     releases = [segment.release(x.joint, slack) for x in law.margins if not x.stops]
     loose = any_of([both(on, sign_of(-value)) for on, value in releases])
-    return program_with_outputs(segment.recorder, loose=[loose], slack=[slack])
+    return segment.recorder.program(loose=[loose], slack=[slack])
 
 
 def record_margins(law: Law) -> Program:
@@ -426,7 +422,7 @@ def record_margins(law: Law) -> Program:
         g.append(where(on, value, 1.0))
         d.append(where(on, slope, 0.0))
         noise.append(where(on, rough, 0.0))
-    return program_with_outputs(recorder, g=g, d=d, noise=noise)
+    return recorder.program(g=g, d=d, noise=noise)
 
 
 def record_snap(law: Law, compensated: bool) -> Program:
@@ -468,7 +464,7 @@ def record_snap(law: Law, compensated: bool) -> Program:
     if compensated:
         (dq,) = read(recorder, n, 'dq')
         outputs |= {'dq': [x + y for x, y in zip(dq, way, strict=True)], 'stopped': stopped}
-    return program_with_outputs(recorder, **outputs)
+    return recorder.program(**outputs)
 
 
 def record_unfinished(n: int) -> Program:
@@ -480,8 +476,7 @@ def record_unfinished(n: int) -> Program:
     recorder = Recorder(1, 'sequential')
     qd, unfinished = read(recorder, n, 'qd', UNFINISHED)
     (rest,) = single(recorder, 'rest')
-    return program_with_outputs(
-        recorder,
+    return recorder.program(
         qd=[where(rest, math.nan, v) for v in qd],
         unfinished=[where(rest, 1.0, flag) for flag in unfinished],
     )

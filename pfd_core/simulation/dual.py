@@ -24,7 +24,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
-from pfd_core.dynamics.interface import program_with_outputs
 from pfd_core.kernels.script import Frame, Script
 from pfd_core.kernels.simulate import MOTOR_TORQUE, Steps
 from pfd_core.kernels.simulations import StepCode, Writer
@@ -66,7 +65,7 @@ def record_reach() -> Program:
     """Return the program of r, (1,), at the event, where a Taylor step delta would arrive."""
     recorder = Recorder(1, 'sequential')
     r, delta = single(recorder, 'r', 'delta')
-    return program_with_outputs(recorder, r=[r + delta], delta=[recorder.constant(0.0)])
+    return recorder.program(r=[r + delta], delta=[recorder.constant(0.0)])
 
 
 def record_shift(law: Law) -> Program:
@@ -92,14 +91,14 @@ def record_shift(law: Law) -> Program:
         of('r'): [dr],
         HAPPENED: happened,
     }
-    return program_with_outputs(recorder, **outputs)
+    return recorder.program(**outputs)
 
 
 def record_closing(n: int) -> Program:
     """Return the program of `closing`, (1,): whether a joint is braked."""
     recorder = Recorder(1, 'sequential')
     (free,) = read(recorder, n, 'free')
-    return program_with_outputs(recorder, closing=[any_of([negated(x) for x in free])])
+    return recorder.program(closing=[any_of([negated(x) for x in free])])
 
 
 def record_braked(n: int) -> Program:
@@ -113,8 +112,7 @@ def record_braked(n: int) -> Program:
     free, qd, after, tangents = read(recorder, n, 'free', 'qd', 'after', of('after'))
     moves = any_of([both(negated(x), absolute(v)) for x, v in zip(free, qd, strict=True)])
     found = [where(moves, new, old) for new, old in zip(after, qd, strict=True)]
-    return program_with_outputs(
-        recorder,
+    return recorder.program(
         **{
             'qd': [where(x, v, 0.0) for x, v in zip(free, found, strict=True)],
             of('qd'): [where(x, d, 0.0) for x, d in zip(free, tangents, strict=True)],

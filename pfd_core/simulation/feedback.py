@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.dynamics.interface import input_list, program_with_outputs
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Recorder
 from pfd_core.model.values import Array, real_array
@@ -74,7 +73,7 @@ def record_law(law: type[Law], n: int) -> Program:
     recorder = Recorder(1, 'sequential')
 
     def row(name: str, size: int = n) -> list[Any]:
-        return input_list(recorder, name, size)
+        return recorder.input_list(name, size)
 
     torques, state = row('command'), row('q') + row('qd')
     references = row('q.ref') + row('qd.ref')
@@ -89,7 +88,7 @@ def record_law(law: type[Law], n: int) -> Program:
             for i in range(n)
         ]
     tau = [sum(own, command) for command, own in zip(torques, terms, strict=True)]
-    return program_with_outputs(recorder, tau=tau)
+    return recorder.program(tau=tau)
 
 
 def law_arrays(law: Law, size: int, steps: int, n: int, dtype: str) -> dict[str, Array]:

@@ -29,7 +29,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pfd_core.dynamics.interface import program_with_outputs
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
@@ -101,8 +100,7 @@ def record_narrow(law: Law) -> Program:
     ]
     back = where(r + way, way, -r)
 
-    return program_with_outputs(
-        recorder,
+    return recorder.program(
         **{'g.L': gL, 'd.L': dL, 'g.R': gR, 'd.R': dR, 'L': [L], 'R': [R], 'scale': scale},
         worn=[worn],
         seek=[both(seek, negated(done))],
@@ -143,7 +141,7 @@ def record_aim(law: Law) -> Program:
     new, middle = L + w * _root(cubic, top / low), L + 0.5 * w
     new = where(new - L, where(R - new, new, middle), middle)
     new = where(worn, R, where(count - COUNT, middle, new))
-    return program_with_outputs(recorder, r=[where(seek, new, r)])
+    return recorder.program(r=[where(seek, new, r)])
 
 
 def _chords(recorder: Recorder, law: Law) -> Row:

@@ -32,7 +32,6 @@ from dataclasses import dataclass
 from decimal import Context, Decimal
 from typing import Any
 
-from pfd_core.dynamics.interface import input_list, program_with_outputs
 from pfd_core.dynamics.numbers import Numbers
 from pfd_core.kernels.simulate import LOW_POSITION, MOTOR_TORQUE
 from pfd_core.machine.lanes import where
@@ -199,11 +198,11 @@ class _Writer:
 
     def read(self, name: str) -> Row:
         """Return an input of a number for each joint."""
-        return input_list(self._recorder, name, self._segment.plant.robot.n)
+        return self._recorder.input_list(name, self._segment.plant.robot.n)
 
     def number(self, name: str) -> Lanes:
         """Return an input of one number."""
-        return input_list(self._recorder, name, 1)[0]
+        return self._recorder.input_list(name, 1)[0]
 
     @property
     def r(self) -> Lanes:
@@ -214,7 +213,7 @@ class _Writer:
 
     def program(self, outputs: Mapping[str, Row]) -> Program:
         """Return the program with some outputs."""
-        return program_with_outputs(self._recorder, **outputs)
+        return self._recorder.program(**outputs)
 
     def torques(self, part: float) -> Row:
         """Return the torques of lagging motors after a part of the segment."""

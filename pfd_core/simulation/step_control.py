@@ -28,7 +28,6 @@ import math
 
 import numpy as np
 
-from pfd_core.dynamics.interface import program_with_outputs
 from pfd_core.machine.lanes import absolute, sqrt, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
@@ -82,8 +81,7 @@ def _first_size(pair: EmbeddedPair, n: int) -> Program:
     speed = sqrt(_mean_square([*qd, *a], _scales(recorder, [*q, *qd])))
     size = largest([least, _root(0.01 / speed, pair.tableau.order)])
     known = both(sign_of(speed), sign_of(LARGEST - speed))
-    return program_with_outputs(
-        recorder,
+    return recorder.program(
         size=[where(known, smallest([longest, size]), longest)],
         grow=[recorder.constant(GROW)],
         status=_status(recorder, not_finite=negated(_finite([*q, *qd, *a, lost]))),
@@ -110,8 +108,7 @@ def _plan() -> Program:
     ended = _status(recorder, step_too_small=both(small, known), not_finite=small)
     status = where(small, ended[0], status)
     nothing = [recorder.constant(0.0)]
-    return program_with_outputs(
-        recorder,
+    return recorder.program(
         r=[r],
         length=[r],
         whole=[r],
@@ -159,8 +156,7 @@ def _judge(pair: EmbeddedPair, n: int) -> Program:
     ]
     states, slopes = (_mean_square([*a, *b]) for a, b in pairwise(change))
     fast = sign_of((r * r) * slopes - STABLE**2 * states)
-    return program_with_outputs(
-        recorder,
+    return recorder.program(
         error=[error],
         accepted=[accepted],
         kept=[accepted],
@@ -189,7 +185,7 @@ def _dense(pair: EmbeddedPair, n: int) -> Program:
         rows.append([2.0 * x - (y + w) for x, y, w in zip(rise, a, z, strict=True)])
         rows += [_sum(factor, of_stages(row, weights), K) for row in pair.tail]
         outputs |= {f'dense{k}.{part}': row for k, row in enumerate(rows)}
-    return program_with_outputs(recorder, **outputs)
+    return recorder.program(**outputs)
 
 
 def _keep(n: int) -> Program:
@@ -199,8 +195,7 @@ def _keep(n: int) -> Program:
     numbers = [x for row in read(recorder, n, 'q.end', 'qd.end', *names) for x in row]
     r, size, error, rejected, lost = single(recorder, 'r', 'size', 'error', 'rejected', 'lost')
     kept = _finite([*numbers, lost])
-    return program_with_outputs(
-        recorder,
+    return recorder.program(
         kept=[kept],
         size=[where(kept, size, r * SHRINK)],
         error=[where(kept, error, math.nan)],
@@ -222,8 +217,7 @@ def _clock() -> Program:
     )
     new = where(whole - r, smallest([time + r, end]), end)
     moved = sign_of(new - time)
-    return program_with_outputs(
-        recorder,
+    return recorder.program(
         time=[new],
         moved=[moved],
         size=[where(event, smallest([size, whole]), size)],

@@ -63,6 +63,9 @@ LOOP = joint('loop', 'revolute', 'base', 'l2')
 LOOPED = edited(CHAIN, ('</robot>', f'{LOOP}\n</robot>'))
 BARE = edited(CHAIN, (link('l2', 1.0, '0.1 0 0', J=BODY), link('l2')))
 OPEN = edited(CHAIN, (LEVEL, ''))
+VERSION_7 = edited(CHAIN, ('name="chain"', 'name="chain" version="7"'))
+HINGED = edited(CHAIN, ('name="lift" type="revolute"', 'name="lift" type="hinge"'))
+END = '</robot>'
 
 
 def test_the_arms_of_the_edits_are_those_that_load() -> None:
@@ -96,121 +99,51 @@ def test_an_argument_copied_from_a_refusal_loads_the_arm_of_the_file(
 # the choice that carry the words out, and the joints that move then.
 ALL = ('turn', 'lift', 'level')
 WORDS = [
-    pytest.param(
+    # Lock the leader, or take the mimic away; of an unknown leader, or a circle, alike.
+    (
         *("'right_finger' mimics 'left_finger'", FOLLOWS, {'tip': 'right'}, []),
         *({'tip': 'right', 'locked': {'left_finger': 0.2}}, ('shoulder', 'wrist')),
-        id='lock the leader',
     ),
-    pytest.param(
+    (
         *("'right_finger' mimics 'left_finger'", FOLLOWS, {'tip': 'right'}),
         *([(RULE, '')], {'tip': 'right'}, ('shoulder', 'wrist', 'right_finger')),
-        id='take the mimic away',
     ),
-    pytest.param(
-        "'level'", UNLED, {}, [('<mimic joint="nobody"/>', '')], {}, ALL, id='mend the mimic'
+    ("'level'", UNLED, {}, [('<mimic joint="nobody"/>', '')], {}, ALL),
+    ('circle', follower('joint="level"'), {}, [('<mimic joint="level"/>', '')], {}, ALL),
+    # Make a joint fixed, on the chain and off it.
+    ("'turn' is floating", FLOATING, {}, [('floating', 'fixed')], {}, ('lift', 'level')),
+    (
+        *("'level', off the chain", AERIAL, {'tip': 'l1'}, [('floating', 'fixed')]),
+        *({'tip': 'l1'}, ('turn', 'lift')),
     ),
-    pytest.param(
-        "'turn' is floating",
-        FLOATING,
-        {},
-        [('floating', 'fixed')],
-        {},
-        ('lift', 'level'),
-        id='make it fixed',
+    # Cut a joint of a loop; add an <inertial>; leave one root.
+    ("'l2' hangs on joints 'level' and 'loop'", LOOPED, {}, [(LOOP, '')], {}, ALL),
+    (
+        *("link 'l2', moved by joint 'level', has no <inertial>", BARE, {}),
+        *([(link('l2'), link('l2', 0.5, J=BODY))], {}, ALL),
     ),
-    pytest.param(
+    ("one link without a parent.*'base', 'l2'", OPEN, {}, [(END, f'{LEVEL}\n{END}')], {}, ALL),
+    # Links and joints that it has, below the base, at positions within the limits.
+    ("tip 'l9'.*'base'", CHAIN, {'tip': 'l9'}, [], {'tip': 'l1'}, ('turn', 'lift')),
+    (
+        *("'l0' is not below base 'l2'", CHAIN, {'base': 'l2', 'tip': 'l0'}, []),
+        *({'base': 'l0', 'tip': 'l2'}, ('lift', 'level')),
+    ),
+    (
+        *("'j9'.*no such joint.*'turn'", CHAIN, {'locked': {'j9': 0.0}}, []),
+        *({'locked': {'turn': 0.1}}, ('lift', 'level')),
+    ),
+    (
         *(
-            "'level', off the chain",
-            AERIAL,
-            {'tip': 'l1'},
-            [('floating', 'fixed')],
-            {'tip': 'l1'},
-            ('turn', 'lift'),
-        ),
-        id='make a joint off the chain fixed',
-    ),
-    pytest.param(
-        "'l2' hangs on joints 'level' and 'loop'",
-        LOOPED,
-        {},
-        [(LOOP, '')],
-        {},
-        ALL,
-        id='cut a joint of the loop',
-    ),
-    pytest.param(
-        *(
-            "link 'l2', moved by joint 'level', has no <inertial>",
-            BARE,
-            {},
-            [(link('l2'), link('l2', 0.5, J=BODY))],
-            {},
-            ALL,
-        ),
-        id='add an inertial',
-    ),
-    pytest.param(
-        "one link without a parent.*'base', 'l2'",
-        OPEN,
-        {},
-        [('</robot>', f'{LEVEL}\n</robot>')],
-        {},
-        ALL,
-        id='one root',
-    ),
-    pytest.param(
-        *("tip 'l9'.*'base'", CHAIN, {'tip': 'l9'}, [], {'tip': 'l1'}, ('turn', 'lift')),
-        id='a link that it has',
-    ),
-    pytest.param(
-        *(
-            "'l0' is not below base 'l2'",
-            CHAIN,
-            {'base': 'l2', 'tip': 'l0'},
-            [],
-            {'base': 'l0', 'tip': 'l2'},
-            ('lift', 'level'),
-        ),
-        id='a tip below the base',
-    ),
-    pytest.param(
-        *(
-            "'j9'.*no such joint.*'turn'",
-            CHAIN,
-            {'locked': {'j9': 0.0}},
-            [],
-            {'locked': {'turn': 0.1}},
-            ('lift', 'level'),
-        ),
-        id='a joint that can be locked',
-    ),
-    pytest.param(
-        *(
-            "cannot lock joint 'lift' at 3.0: its limits are -2.0 and 2.5",
+            "lock joint 'lift' at 3.0: its limits are -2.0 and 2.5",
             CHAIN,
             {'locked': {'lift': 3.0}},
-            [],
-            {'locked': {'lift': 2.5}},
-            ('turn', 'level'),
         ),
-        id='a position within the limits',
+        *([], {'locked': {'lift': 2.5}}, ('turn', 'level')),
     ),
-    pytest.param(
-        'version',
-        edited(CHAIN, ('name="chain"', 'name="chain" version="7"')),
-        *({}, [('version="7"', 'version="1.0"')], {}, ALL),
-        id='a known version',
-    ),
-    pytest.param(
-        "'lift' has type 'hinge'",
-        edited(CHAIN, ('name="lift" type="revolute"', 'name="lift" type="hinge"')),
-        *({}, [('"hinge"', '"revolute"')], {}, ALL),
-        id='a known type',
-    ),
-    pytest.param(
-        *('circle', follower('joint="level"'), {}, [('<mimic joint="level"/>', '')], {}, ALL),
-        id='open the circle of mimics',
-    ),
+    # A known version and type.
+    ('version', VERSION_7, {}, [('version="7"', 'version="1.0"')], {}, ALL),
+    ("'lift' has type 'hinge'", HINGED, {}, [('"hinge"', '"revolute"')], {}, ALL),
 ]
 
 

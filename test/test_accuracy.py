@@ -42,12 +42,7 @@ from benchmarks.pages.hard_cases import (
     kernel_rows,
     over_limit,
 )
-from benchmarks.peers.answers import (
-    first_answer,
-    kernel_answer,
-    kernel_jacobians,
-    peer_jacobians,
-)
+from benchmarks.peers.answers import first_answer, kernel_answer, kernel_jacobians, peer_jacobians
 from benchmarks.references import derivatives
 from benchmarks.references.accelerations import (
     DIGITS,
@@ -96,9 +91,7 @@ def test_a_distance_along_an_axis_to_a_parallel_joint_costs_no_digits(distance: 
 
 
 @pytest.mark.parametrize(
-    'problem',
-    [links('XYZXYZ', masses={5: 1e4}), COAXIAL],
-    ids=['slides', 'turns'],
+    'problem', [links('XYZXYZ', masses={5: 1e4}), COAXIAL], ids=['slides', 'turns']
 )
 def test_the_default_keeps_the_digits_where_pivots_lose_them(problem: Problem) -> None:
     assert auto.roundings(problem.plant, auto.FEW_JOINTS) > 32

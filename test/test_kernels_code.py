@@ -262,10 +262,7 @@ def refuse(*_: object) -> None:
 
 @pytest.mark.parametrize('obstacle', OBSTACLES)
 def test_where_nothing_can_be_written_kernels_work_after_one_warning(
-    folder: Path,
-    obstacle: str,
-    monkeypatch: pytest.MonkeyPatch,
-    caplog: pytest.LogCaptureFixture,
+    folder: Path, obstacle: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     robot = pfd.load_robot('planar2')
     wanted = answers(pfd.compile_kernel(robot))

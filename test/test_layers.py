@@ -60,7 +60,7 @@ PFD_ROS = {
     'advice': {'text', 'files', 'messages', 'arm', 'recording', 'replay'},
     'node': {'text', 'files', 'messages', 'arm', 'recording', 'replay'},
     'testing': {
-        *('text', 'files', 'messages', 'arm', 'recording', 'replay', 'motion', 'page', 'node'),
+        *('text', 'files', 'messages', 'arm', 'recording', 'replay', 'motion', 'page', 'node')
     },
     'view': {'text', 'files', 'extras', 'messages', 'arm', 'recording', 'node', 'testing'},
     'demo': {
@@ -342,11 +342,7 @@ FORMATTED = ('pfd_core', 'pfd_ros', 'test', 'benchmarks', 'launch', 'packaging',
 
 @pytest.mark.parametrize(
     'command',
-    [
-        ('ruff', 'check', *FORMATTED),
-        ('ruff', 'format', '--check', *FORMATTED),
-        ('mypy',),
-    ],
+    [('ruff', 'check', *FORMATTED), ('ruff', 'format', '--check', *FORMATTED), ('mypy',)],
     ids=['lint', 'format', 'types'],
 )
 def test_the_source_passes(command: tuple[str, ...]) -> None:

@@ -62,9 +62,7 @@ def test_a_name_that_no_file_can_have_is_refused_in_a_short_line(source: object)
     assert len(str(caught.value)) < 1000
 
 
-def test_a_mark_of_byte_order_states_the_encoding_and_is_no_part_of_a_file(
-    tmp_path: Path,
-) -> None:
+def test_a_mark_of_byte_order_states_the_encoding_and_is_no_part_of_a_file(tmp_path: Path) -> None:
     for name, text in (('two.yaml', ROWS), ('odd.urdf', ODD_ARM)):
         for encoding in ('utf-8', 'utf-16-le', 'utf-16-be', 'utf-32-le', 'utf-32-be'):
             (tmp_path / name).write_text('\ufeff' + text, encoding=encoding)

@@ -12,18 +12,7 @@ import numpy as np
 from oracle import DYNAMICS, assert_same_physics, positions_in
 import pinocchio as pin
 import pytest
-from zoo import (
-    ARM,
-    BODY,
-    FORK,
-    ODD_ARM,
-    TWO_ARMS,
-    changed,
-    exact_angles,
-    joint,
-    link,
-    urdf,
-)
+from zoo import ARM, BODY, FORK, ODD_ARM, TWO_ARMS, changed, exact_angles, joint, link, urdf
 
 import pfd_core as pfd
 

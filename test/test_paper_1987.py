@@ -10,12 +10,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from closed_forms import (
-    Counts,
-    by_section,
-    chain,
-    levels,
-)
+from closed_forms import Counts, by_section, chain, levels
 import mpmath
 import numpy as np
 from oracle import Oracle, error, relative
@@ -213,10 +208,7 @@ def pcrbm_parts(n: int, packed: bool, literal: bool, square: bool = False) -> di
 
 
 # Chains by twist: skew axes of any length, twists of 0 and 90 degrees from two joints on.
-TWISTS = [
-    *((False, n) for n in range(1, 33)),
-    *((True, n) for n in range(2, 17)),
-]
+TWISTS = [*((False, n) for n in range(1, 33)), *((True, n) for n in range(2, 17))]
 
 
 def of_twist(n: int, square: bool) -> pfd.Robot:
@@ -341,9 +333,7 @@ def tip_on_its_axis(inertia: float) -> pfd.Robot:
 
 
 @pytest.mark.parametrize('method', sorted(set(ALL_METHODS) - {'constraint_forces'}))
-def test_an_arm_that_is_singular_up_to_rounding_has_one_status_of_all_methods(
-    method: str,
-) -> None:
+def test_an_arm_that_is_singular_up_to_rounding_has_one_status_of_all_methods(method: str) -> None:
     state = np.random.default_rng(6).normal(size=(3, 4))
     run = pfd.emulate(tip_on_its_axis(0.0), *state, method=method)
     assert run.status == 'not_positive_definite'

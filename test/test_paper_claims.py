@@ -19,15 +19,7 @@ import pytest
 from zoo import one_fast
 
 from benchmarks.cases.conjugate import errors_of_iterates
-from benchmarks.cases.paper import (
-    AS_PRINTED,
-    TABLE,
-    VERDICTS,
-    claimed,
-    editions_of,
-    row,
-    value,
-)
+from benchmarks.cases.paper import AS_PRINTED, TABLE, VERDICTS, claimed, editions_of, row, value
 from benchmarks.cases.problems import seeded_states
 from benchmarks.cases.robots import uniform_chain
 from benchmarks.pages import claims as page

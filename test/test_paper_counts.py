@@ -357,10 +357,7 @@ def parts(method: str, n: int) -> Iterator[tuple[str, tuple[int, int, int]]]:
     if method == 'articulated_body':
         # A single link has no link before: neither its velocity nor its acceleration.
         yield 'velocities', (57 * n - 62 + 14 * single, 30 * n - 42 + 12 * single, 0)
-        yield (
-            'articulated bodies',
-            (0, 0, 1) if single else (106 * n - 119, 109 * n - 124, n),
-        )
+        yield ('articulated bodies', (0, 0, 1) if single else (106 * n - 119, 109 * n - 124, n))
         yield 'solve', (92 * n - 90 + 19 * single, 83 * n - 91 + 19 * single, 0)
         return
     # The angular acceleration of the second link has no component along its joint.

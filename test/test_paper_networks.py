@@ -21,21 +21,9 @@ from scipy.sparse.csgraph import shortest_path
 from zoo import Array, one_fast, random_chain, random_state, without_mass
 
 from benchmarks.cases import conjugate
-from benchmarks.cases.paper import (
-    EDITIONS,
-    Recording,
-    program_of,
-    steps_of,
-    time_of,
-)
+from benchmarks.cases.paper import EDITIONS, Recording, program_of, steps_of, time_of
 from benchmarks.cases.robots import uniform_chain
-from benchmarks.pages.since_1987 import (
-    NETWORKS,
-    PACKED,
-    SYSTEMS,
-    UNPACKED,
-    recorded,
-)
+from benchmarks.pages.since_1987 import NETWORKS, PACKED, SYSTEMS, UNPACKED, recorded
 import pfd_core as pfd
 from pfd_core.dynamics.methods import FORWARD as FORWARD_METHODS
 from pfd_core.machine.emulator import run as run_program

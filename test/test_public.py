@@ -130,44 +130,22 @@ INSTANCES: dict[str, Callable[[], Any]] = {
 ZEROS: dict[str, Any] = {'q': ZERO, 'qd': ZERO, 'tau': ZERO}
 OUT = np.zeros(2)
 MOTION = pfd.MotorSimulator(ROBOT).new_state()
+MANY: dict[str, dict[str, Any]] = {'linearize': ZEROS, 'outside_stops': {'q': ZERO}, 'reset': {}}
+ONE = MANY | {'rollout': {'taus': np.zeros((2, 2))}, 'step': {'tau': ZERO}}
+ONE |= {'prepare_payload': {'payload': None}}
+BOUND = {'motors': pfd.MotorState(np.zeros(2)), 'limits': np.ones((7, 2))}
 # Valid arguments of each public method with parameters.
 METHODS: dict[str, dict[str, dict[str, Any]]] = {
     'AdaptiveTrajectory': {'at': {'times': [0.0]}},
-    'Ensemble': {
-        'linearize': ZEROS,
-        'outside_stops': {'q': ZERO},
-        'reset': {},
-        'rollout': {'steps': 2},
-    },
+    'Ensemble': MANY | {'rollout': {'steps': 2}},
     'Kernel': {'__call__': ZEROS, 'bind': ZEROS | {'out': OUT}, 'error_estimate': ZEROS},
-    'MotorSimulator': {
-        'accelerations': {'state': MOTION},
-        'bind': {
-            'state': MOTION,
-            'motors': pfd.MotorState(np.zeros(2)),
-            'limits': np.ones((7, 2)),
-        },
-        'converted': {'state': MOTION},
-        'linearize': ZEROS,
-        'new_state': {},
-        'outside_stops': {'q': ZERO},
-        'prepare_payload': {'payload': None},
-        'reset': {},
-        'rollout': {'taus': np.zeros((2, 2))},
-        'set_inputs': {'state': MOTION},
-        'step': {'tau': ZERO},
-    },
+    'MotorSimulator': ONE
+    | {key: {'state': MOTION} for key in ('accelerations', 'converted', 'set_inputs')}
+    | {'bind': {'state': MOTION, **BOUND}, 'new_state': {}},
     'Program': {'count': {}},
     'Robot': {'frame': {}},
     'Scene': {'save': {}, 'without': {'names': ()}},
-    'Simulator': {
-        'linearize': ZEROS,
-        'outside_stops': {'q': ZERO},
-        'prepare_payload': {'payload': None},
-        'reset': {},
-        'rollout': {'taus': np.zeros((2, 2))},
-        'step': {'tau': ZERO},
-    },
+    'Simulator': ONE,
     'Urdf': {'with_followers': {'positions': {}}},
 }
 # Of the simulations among themselves.

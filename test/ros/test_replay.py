@@ -37,6 +37,7 @@ from recordings import NAMES, Run, aside, busy, rewritten, simulate
 
 from pfd_ros.arm.events import ROLES as ARM_ROLES
 from pfd_ros.arm.events import Message as ArmMessage
+from pfd_ros.cli.main import main as pfd_main
 from pfd_ros.messages.text_and_arrays import decode_string, encode_string
 from pfd_ros.node.inbox import Inbox
 from pfd_ros.recording.facts import facts as log_facts
@@ -463,6 +464,25 @@ def test_without_cycles_or_without_its_end_a_recording_is_equal(source, tmp_path
         metadata=lambda name, found: None if name == END_RECORD else found,
     )
     assert verify_log(endless) == (*verify_log(source)[:2], False)
+
+
+@pytest.mark.parametrize(
+    ('key', 'value', 'words'),
+    [
+        ('settings', '[]', ['info']),
+        ('versions', '[]', ['info']),
+        ('versions', '1', ['replay', '--verify']),
+        ('times', '"x"', ['info']),
+        ('topics', '{"joint_states": 3}', ['replay', '--what-if']),
+        ('topics', 'null', ['replay', '--verify']),
+    ],
+)
+def test_a_head_without_tables_is_one_line(key, value, words, source, tmp_path, capsys):
+    path = tmp_path / 'a.mcap'
+    rewritten(source, path, metadata=lambda _, x: x | {key: value} if key in x else x)
+    assert pfd_main([words[0], str(path), *words[1:]]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f'pfd {words[0]}: {path}')
 
 
 # The facts.

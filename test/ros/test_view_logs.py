@@ -384,7 +384,7 @@ HANGING = 4.0
 # Parts of a picture: an arm, and an arrow.
 LEAST, ARROW = 0.005, 0.0005
 # Swiftshader draws each pixel on a processor.
-SIZE = 640, 400
+SIZE = 1200, 750
 
 
 @pytest.fixture

@@ -32,6 +32,8 @@ from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import COMMANDS, DESCRIPTION, REQUESTS, SET_STATE, Message, Verdict
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS
+from pfd_ros.motion import symptoms
+from pfd_ros.page import findings as findings_of_page
 from pfd_ros.page.page import TYPES, faults
 from pfd_ros.page.recorded import Recorded
 from pfd_ros.recording.arrays import read_log
@@ -43,7 +45,7 @@ from pfd_ros.testing.loop import ArmError, CallbackLink, Command, Controller, Li
 from pfd_ros.testing.patience import PATIENCE_SECONDS, START_PATIENCE_SECONDS
 from pfd_ros.testing.process import ControllerProcess
 from pfd_ros.testing.trajectory import Limits, Trajectory
-from pfd_ros.text import cut, one_line
+from pfd_ros.text import cut, did_you_mean, one_line
 
 
 class _OverError(Exception):
@@ -240,8 +242,17 @@ def recorded(log: Path | str, joint: str = '', *, robot: str | None = None) -> T
 def findings(
     log: Path | str, kind: str, joint: str = '', *, robot: str | None = None
 ) -> list[str]:
-    """Return what the page of a log finds of one kind at one joint, or at none; [] if nothing."""
-    found = faults(_read(log, robot))
+    """Return what the page of a log finds of one kind at one joint, or at none; [] if nothing.
+
+    ValueError for an unknown kind, LogError for a joint without states: a test of it would pass.
+    """
+    run, kinds = _read(log, robot), {*findings_of_page.KINDS, *symptoms.KINDS}
+    if kind not in kinds:
+        hint = did_you_mean(kind, kinds, f'expected one of {sorted(kinds)}')
+        raise ValueError(f'kind is {cut(kind)!r}: {hint}')
+    found = faults(run)
+    if joint not in ('', *run.names, *(each.joint for each in found)):
+        raise LogError(f'{log} has no joint states of {cut(joint)!r}')
     chosen = [each for each in found if (each.kind, each.joint) == (kind, joint)]
     return [f't = {each.time:.6g} s: {each.text}' for each in chosen]
 

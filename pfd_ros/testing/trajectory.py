@@ -412,6 +412,8 @@ class Trajectory:
     def _columns(self, joint: Joints) -> list[int]:
         if joint is None:
             return list(range(len(self.names)))
+        if not len(joint):
+            raise ValueError(f'joint is {joint!r}, expected a joint or several')
         return [self.index(name) for name in ([joint] if isinstance(joint, str) else joint)]
 
     def _check_known(self, kind: str, j: int) -> None:

@@ -25,6 +25,7 @@ from test_page import TIMES, UR5, states, write_bag
 
 from pfd_ros.motion.symptoms import KINDS as SYMPTOM_KINDS
 from pfd_ros.page.findings import KINDS as FINDING_KINDS
+from pfd_ros.recording.format import LogError
 from pfd_ros.recording.log import Log as RecordedLog
 from pfd_ros.replay.verify import verify as verify_log
 from pfd_ros.testing import ArmError, ControllerProcess, LockstepArm, findings, recorded, replayed
@@ -575,3 +576,12 @@ def test_a_replayed_motion_is_that_of_the_log_or_of_a_changed_arm():
     other = replayed('a.mcap', 'b.mcap', ['payload.mass=1.5'], controller=found['law'])
     assert np.abs(other.q - again.q).max() > 1e-3
     assert findings('a.mcap', 'effort limit', 'shoulder') == []
+
+
+def test_findings_of_a_kind_or_a_joint_that_there_is_not_are_an_error():
+    simulate(Path('a.mcap'), 20)
+    assert findings('a.mcap', 'oscillation', 'elbow') == []
+    with pytest.raises(ValueError, match="kind is 'oscilation': did you mean 'oscillation'"):
+        findings('a.mcap', 'oscilation', 'elbow')
+    with pytest.raises(LogError, match="has no joint states of 'elbw'"):
+        findings('a.mcap', 'oscillation', 'elbw')

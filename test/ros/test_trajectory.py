@@ -158,6 +158,8 @@ def test_assertions_check_the_named_joints():
         found.assert_overshoot_below(0.9, [1.0, 5.0])
     found.assert_overshoot_below(0.9, [1.0, 5.0], joint='a')
     found.assert_settles([0.0, 5.0], within=0.1, by=0.1, joint=['b'])
+    with pytest.raises(ValueError, match=r'joint is \[\], expected a joint or several'):
+        found.assert_settles(1.0, within=1.0, by=0.0, joint=[])
     with pytest.raises(ValueError, match="joint is 'c', expected one of"):
         found.assert_settles(1.0, within=1.0, by=0.0, joint='c')
     with pytest.raises(ValueError, match='by is 3'):

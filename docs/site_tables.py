@@ -263,7 +263,7 @@ def _quantities() -> str:
 
 
 def _methods() -> str:
-    head = ('method', 'is', 'compiled', 'processors', 'iterates', 'payload as an input')
+    head = ('method', 'is', 'compiled', 'processors', 'iterates', 'payload as an input', 'mimics')
     rows = [
         (
             code(method.name),
@@ -272,6 +272,7 @@ def _methods() -> str:
             '1' if method.serial else 'n',
             'yes' if method.iterative else '',
             'yes' if method.payload else '',
+            'yes' if method.serial and method.followers else '',
         )
         for method in FORWARD.values()
     ]

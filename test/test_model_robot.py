@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 import copy
 from dataclasses import FrozenInstanceError, fields, replace
 from itertools import permutations
@@ -232,36 +232,27 @@ def test_warnings_of_a_loaded_robot_name_the_line_that_loads_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ('call', 'given', 'message'),
+    ('call', 'message'),
     [
         (
-            *(pfd.lock, (CHAIN_OF_3, {'j9': 0.0})),
-            "cannot lock 'j9': 'random3' has no such joint; .*: 'joint1', 'joint2', 'joint3'",
+            lambda: pfd.lock(CHAIN_OF_3, {'j9': 0.0}),
+            "'random3' has no such joint; .*: 'joint1', ",
         ),
-        (pfd.lock, (CHAIN_OF_3, {'joint1': np.inf}), "joint 'joint1' is locked must be finite"),
-        (
-            *(pfd.lock, (CHAIN_OF_3, dict.fromkeys(CHAIN_OF_3.joint_names, 0))),
-            'cannot lock all 3 joints',
-        ),
-        (pfd.Payload, (-1.0,), 'payload mass must not be negative'),
-        (pfd.Payload, (np.nan,), 'payload mass must be finite'),
-        (pfd.Payload, (1.0, (0, 0)), r'payload center must have shape \(3,\), got \(2,\)'),
-        (
-            *(pfd.Payload, (1.0, (0, 0, 0), np.diag([1, 1, -1]))),
-            'payload inertia must not be negative',
-        ),
-        (
-            *(pfd.Payload, (1.0, (0, 0, 0), 1.0)),
-            r'payload inertia must have shape \(3, 3\), got \(\)',
-        ),
+        (lambda: pfd.lock(CHAIN_OF_3, {'joint1': np.inf}), "'joint1' is locked must be finite"),
+        (lambda: pfd.lock(CHAIN_OF_3, {'joint*': 0.0}), 'cannot lock all 3 joints'),
+        (lambda: pfd.Payload(-1.0), 'payload mass must not be negative'),
+        (lambda: pfd.Payload(np.nan), 'payload mass must be finite'),
+        (lambda: pfd.Payload(1.0, (0, 0)), r'payload center must have shape \(3,\), got \(2,\)'),
+        (lambda: pfd.Payload(1.0, inertia=np.diag([1, 1, -1])), 'inertia must not be negative'),
+        (lambda: pfd.Payload(1.0, inertia=1.0), r'inertia must have shape \(3, 3\), got \(\)'),
     ],
     ids=range(8),
 )
 def test_a_lock_or_a_payload_that_cannot_be_is_refused(
-    call: Any, given: tuple[object, ...], message: str
+    call: Callable[[], object], message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):
-        call(*given)
+        call()
 
 
 @pytest.mark.parametrize('locked', [{'nobody': 0.0}, {'elbow_joint': 99.0}])

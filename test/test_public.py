@@ -215,6 +215,10 @@ def wrong_calls() -> Iterator[Any]:
                 ({'refine': -1}, 'refine must be an integer of at least 0, got -1'),
                 ({'scene': pfd.Scene(damping=[1.0])}, 'damping .* 1 numbers, .* 2 joints'),
                 ({'scene': {}}, 'scene must be a Scene or None'),
+                (
+                    {'scene': pfd.Scene(friction=[0, 0], static_friction=[1, 1])},
+                    "'static_friction'.* act over a step of time",
+                ),
                 ({'frame': 'tool0'}, 'forward_dynamics does not take a frame'),
                 ({'quantity': 'tip_pose', 'frame': 'hand'}, "frame 'hand' is not carried by"),
                 # A kernel of the simulator alone.
@@ -234,6 +238,8 @@ def wrong_calls() -> Iterator[Any]:
                 ({'method': 'aba'}, "method must be one of .* got 'aba'"),
                 ({'processors': 0}, 'processors must be an integer of at least 1, got 0'),
                 ({'processors': 3}, 'processors must be an integer from 1 to 2, got 3'),
+                ({'processors': 1.5}, 'processors must be an integer of at least 1, got 1.5'),
+                ({'dtype': 'float16'}, "dtype must be one of .* got 'float16'"),
                 (
                     {'processors': 2, 'method': 'articulated_body'},
                     "processors must be 1 for the serial method 'articulated_body', got 2",

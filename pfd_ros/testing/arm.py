@@ -234,6 +234,8 @@ class LockstepArm:
         from pfd_ros.testing.nodes import node_link
 
         allowed = checked_reasons(allow_rejected)
+        if controller_period is not None and not controller_period > 0.0:
+            raise ValueError(f'controller_period is {controller_period!r}, expected above 0, s')
         if not self.engine.roles:
             state, self.engine = self.engine.save(), self._new_engine(events.ALL)
             self.engine.restore(state)

@@ -558,3 +558,9 @@ def test_what_a_failed_test_leaves_is_of_its_arm_also_if_a_recorded_one_was_save
     assert f'recording  {tmp_path}/arm.mcap' in lines
     stamps = read_log(tmp_path / 'arm.mcap')['/joint_states'].stamp_ns
     assert stamps.tolist() == [10**6 * k for k in range(52, 72)]
+
+
+@pytest.mark.parametrize('period', [0.0, -0.01, float('nan')])
+def test_a_period_of_a_controller_that_is_none_is_refused(period):
+    with pytest.raises(ValueError, match=f'controller_period is {period!r}, expected above 0'):
+        ur5().spin(0.1, controller_period=period)

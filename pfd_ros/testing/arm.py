@@ -49,7 +49,7 @@ from pfd_ros.testing.loop import (
     seconds_of,
 )
 from pfd_ros.testing.patience import PATIENCE_SECONDS, START_PATIENCE_SECONDS
-from pfd_ros.testing.process import plain
+from pfd_ros.testing.process import check_words, plain
 from pfd_ros.testing.trajectory import Trajectory
 from pfd_ros.text import cut, did_you_mean
 
@@ -108,8 +108,7 @@ class LockstepArm:
         ros_args: Sequence[str] = (),
         **settings: Any,
     ) -> None:
-        if isinstance(ros_args, str):
-            raise ValueError(f"ros_args is {ros_args!r}, expected a list such as ['-r', 'a:=b']")
+        check_words('ros_args', ros_args)
         self._given, self._ros_args = (robot, settings), ros_args
         self._described = _described(robot, settings)
         self.robot, self.recording = self._described.robot, self._described.settings.recording

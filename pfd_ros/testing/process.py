@@ -125,10 +125,17 @@ class ChildProcess:
             os.killpg(self.pid, number)
 
 
+def check_words(label: str, words: Any) -> None:
+    """Raise ValueError for a line in place of its words."""
+    if isinstance(words, str):
+        raise ValueError(f'{label} is {words!r}, expected a list such as {words.split()}')
+
+
 class ControllerProcess(ChildProcess):
     """A controller as a running process, in the ROS domain of the test; program and arguments."""
 
     def __init__(self, command: Sequence[str | os.PathLike[str]], folder: str = '') -> None:
+        check_words('command', command)
         self.folder = Path(folder or tempfile.mkdtemp(prefix='pfd_ros_'))
         super().__init__(command, self.folder / 'output.txt', environment_to_kill(os.environ))
 
@@ -173,6 +180,7 @@ class NodeProcess(ControllerProcess):
     """
 
     def __init__(self, parameters: Mapping[str, Any], ros_args: Sequence[str] = ()) -> None:
+        check_words('ros_args', ros_args)
         names = {row.field: row.name for row in FIELDS}
         chosen = {names.get(name, name): plain(value) for name, value in parameters.items()}
         self._ros_args = ['--ros-args', *ros_args]

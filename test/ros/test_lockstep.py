@@ -26,6 +26,7 @@ from pfd_ros.testing import (
     ControllerProcess,
     LockstepArm,
     NoAnswerError,
+    NodeProcess,
     Trajectory,
     recorded,
 )
@@ -564,3 +565,14 @@ def test_what_a_failed_test_leaves_is_of_its_arm_also_if_a_recorded_one_was_save
 def test_a_period_of_a_controller_that_is_none_is_refused(period):
     with pytest.raises(ValueError, match=f'controller_period is {period!r}, expected above 0'):
         ur5().spin(0.1, controller_period=period)
+
+
+def test_a_line_in_place_of_its_words_is_refused():
+    for label, call in (
+        ('command', lambda: ControllerProcess('python node.py')),
+        ('ros_args', lambda: NodeProcess({}, 'python node.py')),
+        ('ros_args', lambda: ur5(ros_args='python node.py')),
+    ):
+        text = rf"^{label} is 'python node.py', expected a list such as \['python', 'node.py'\]$"
+        with pytest.raises(ValueError, match=text):
+            call()

@@ -38,6 +38,7 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
     add('--out', type=Path, metavar='FILE', help=out)
     limits = 'whose limits are checked, of a log without its robot and robot_description'
     add('--robot', help=f'the robot {limits}: {ROBOT}')
+    add('--topic', metavar='TOPIC', help='the joint states, in place of the topic by its name')
     test = 'write the first finding as a new test_*.py that fails today, and run it; no page then'
     add('--pytest', type=Path, metavar='FILE', help=f'{test}, unless --out names one')
     callback = 'with --pytest: the test runs this (t, q, qd) -> tau in place of recorded commands'
@@ -65,9 +66,10 @@ def _report(given: argparse.Namespace) -> int:
     if given.what == 'log' and given.controller and given.pytest is None:
         print('pfd report: --controller requires --pytest', file=sys.stderr)
         return 2
-    if given.what == 'log' and given.pytest and (given.start, given.end) != (None, None):
+    parts = (given.start, given.end, given.topic) if given.what == 'log' else ()
+    if any(x is not None for x in parts) and given.pytest:
         # Its test takes the whole log.
-        print('pfd report: --pytest conflicts with --start and --end', file=sys.stderr)
+        print('pfd report: --pytest conflicts with --start, --end and --topic', file=sys.stderr)
         return 2
     out = given.out
     if given.what == 'scene' and out is None:
@@ -87,7 +89,7 @@ def _log(given: argparse.Namespace, out: Path | None) -> int:
     log = read_log(given.log, types=TYPES, unreadable='count', start=given.start, end=given.end)
     if (given.start, given.end) != (None, None) and not any(map(len, log.received_ns.values())):
         raise ValueError(f'{given.log} has no message between --start and --end; see pfd info')
-    found = page(log, robot=robot)
+    found = page(log, robot=robot, topic=given.topic)
     if out is not None:
         found.write(out)
         print_lines([found.said, *(f'note: {note}' for note in found.run.notes), out])

@@ -72,7 +72,10 @@ class Page(NamedTuple):
 
 
 def page(
-    log: LogArrays, marks: Iterable[Finding | Reference] = (), robot: pfd.Robot | None = None
+    log: LogArrays,
+    marks: Iterable[Finding | Reference] = (),
+    robot: pfd.Robot | None = None,
+    topic: str | None = None,
 ) -> Page:
     """
     Return the page of a log.
@@ -86,14 +89,16 @@ def page(
         to draw, in the times of the page.
     robot
         The robot of a log that holds none, for its limits.
+    topic
+        Of the joint states, in place of the one by its name.
 
     Raises
     ------
     LogError
-        If its settings or other metadata are damaged.
+        If its settings or other metadata are damaged, or the topic has no joint states.
     """
     with damage_named(log.path):
-        return _page(Recorded(log, robot), tuple(marks))
+        return _page(Recorded(log, robot, topic), tuple(marks))
 
 
 def faults(run: Recorded) -> list[Finding]:

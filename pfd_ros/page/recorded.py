@@ -68,9 +68,14 @@ class Joints:
 
 
 class Recorded:
-    """A log, read with `unreadable='count'`, as a page needs it."""
+    """A log, read with `unreadable='count'`, as a page needs it.
 
-    def __init__(self, log: LogArrays, robot: pfd.Robot | None = None) -> None:
+    `topic` is that of the joint states, if it is chosen; LogError if it has none.
+    """
+
+    def __init__(
+        self, log: LogArrays, robot: pfd.Robot | None = None, topic: str | None = None
+    ) -> None:
         self.log, self.robot = log, log.robot or robot
         self.settings: Mapping[str, Any] = log.settings or {}
         # Lines on what cannot be read, and on what else a reader should know.
@@ -81,7 +86,9 @@ class Recorded:
             self.robot = self._described()
         self._by_role = {role: topic for topic, role in log.roles.items() if topic in self._read}
         # The topic of the joint states, '' if none can be read.
-        self.topic = self._states_topic()
+        self.topic = self._states_topic() if topic is None else topic
+        if topic is not None:
+            log.required(topic, JOINT_STATE)
         states = self._read.get(self.topic)
         self._axis_ns = self._logged_ns = np.empty(0, np.int64)
         if states is not None:
@@ -227,7 +234,12 @@ class Recorded:
             role = self.log.roles.get(topic)
             return role == STATES, topic.endswith('joint_states'), found[topic]
 
-        return max(found, key=rank, default='')
+        chosen = max(found, key=rank, default='')
+        others = [x for x in found if x != chosen and rank(x)[:2] == rank(chosen)[:2]]
+        if others:
+            text = f'joint states are those of {cut(chosen)}, not of {listed(others)}'
+            self.notes[one_line(f'{text}; --topic names another')] = None
+        return chosen
 
     def _stamps_of(self, states: TopicArrays) -> Array:
         """Return the stamps of the states, or log times where stamps are no times, increasing."""

@@ -420,6 +420,23 @@ def test_the_one_description_in_another_log_gives_the_limits(tmp_path, arms):
     assert not page.findings or arms == 1
 
 
+def test_of_several_joint_states_those_shown_are_named_and_others_can_be_chosen(tmp_path, capsys):
+    left, right = (states(['a', 'b'], TIMES, f'/{x}/joint_states') for x in ('left', 'right'))
+    right[70][2]['velocity'][1] = np.inf
+    both = [message for pair in zip(left, right, strict=True) for message in pair]
+    path = write_bag(tmp_path / 'a.mcap', both)
+    (note,) = (x for x in shown(path).run.notes if '--topic' in x)
+    assert note.startswith("joint states are those of /left/joint_states, not of ['/right/joint")
+    for topic, status, printed in (
+        ('/left/joint_states', 0, 'nothing went wrong'),
+        ('/right/joint_states', 0, 'not finite: b: velocity is inf'),
+        ('/nix', 1, "'/nix' is not in the log"),
+    ):
+        words = ['--topic', topic, '--out', str(tmp_path / f'{status}{len(topic)}.html')]
+        assert pfd_main(['report', 'log', str(path), *words]) == status
+        assert printed in ''.join(capsys.readouterr())
+
+
 def test_infinite_states_are_found(tmp_path):
     rows = states(['a', 'b'], TIMES)
     rows[70][2]['velocity'][1] = np.inf

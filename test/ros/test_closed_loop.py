@@ -274,7 +274,11 @@ NODES = {
 
 
 @pytest.mark.parametrize(('kind', 'fault'), NODES)
-def test_an_unchanged_node_in_another_process_has_the_bits_of_its_log(kind, fault, ros_domain):
+def test_an_unchanged_node_in_another_process_has_the_bits_of_its_log(
+    kind, fault, ros_domain, monkeypatch
+):
+    for name in ('PATIENCE_SECONDS', 'START_PATIENCE_SECONDS'):
+        monkeypatch.setattr(f'pfd_ros.testing.again.{name}', PATIENCE)
     with (
         ControllerProcess([sys.executable, CONTROLLERS, kind]) as node,
         LockstepArm('ur5', armature=True, gravity_compensation=True, recording='a.mcap') as arm,

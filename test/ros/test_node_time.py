@@ -355,7 +355,7 @@ def test_the_time_of_day_continues_across_a_restart_with_a_live_reader(processes
 AT = [0.3, -0.2]
 STANDING = ('robot:=planar2', f'initial_positions:={AT}', 'recording:=arm.mcap')
 # For which no state comes from an arm that stands.
-QUIET_SECONDS = 0.3
+QUIET_SECONDS = 1.0
 INSTALLED = importlib.util.find_spec('simulation_interfaces') is not None
 
 

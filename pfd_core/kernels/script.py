@@ -171,6 +171,17 @@ class Script:
         addresses = [f'ptr {place}' for place in places]
         self.code.call('void', name, *first, 'ptr %frame', *addresses)
 
+    def differ(self, pairs: Mapping[str, str]) -> str:
+        """Return an i1: whether arrays of one size differ in a bit, for any of the arms."""
+        code = self.code
+        bits = f'i{8 * self._step}'
+        flags = []
+        for pair in pairs.items():
+            for numbers in zip(*map(self.read, pair), strict=True):
+                a, b = (code.let(f'bitcast {code.type} {x} to {bits}') for x in numbers)
+                flags.append(code.test('ne', a, b, bits))
+        return code.either(*flags)
+
     def any(self, name: str) -> str:
         """Return an i1: whether a number is above zero for any of the arms."""
         return self.code.any(self.code.above(self.element(name, 0)))

@@ -49,6 +49,8 @@ COUNTS, STOP = 'counts', 'stop'
 PLAN = ('first', 'end', 'begin', 'until', 'substeps', 'every', 'apart', 'finite')
 # The first of the arrays that are written.
 OUT = 'out'
+# Above 0 once a step has kept what it may use again; 0 at the beginning of a run.
+KNOWN = 'known'
 
 
 @dataclass(frozen=True)
@@ -302,6 +304,9 @@ class _Arms:
             for name in self._steps.given:
                 with code.when(code.negated(self.changes(name))):
                     self.take(name)
+            if KNOWN in self._frame:
+                place = self._frame.place(KNOWN, 1)
+                code.write(code.constant(0.0), self._near, place, self._register)
             yield
 
     def changes(self, name: str) -> str:

@@ -112,6 +112,7 @@ class AdaptiveWriter(EventWriter):
     """Writer of the functions of adaptive steps; programs and dynamics are lowered."""
 
     pair: EmbeddedPair
+    keeps = False
 
     def __post_init__(self) -> None:
         """Lay out the arrays."""

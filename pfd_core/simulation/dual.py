@@ -143,7 +143,7 @@ def _with_brakes(
 class DualWriter(EventWriter):
     """Writer of the functions of a step with events on dual numbers."""
 
-    kind = DualScript
+    kind, keeps = DualScript, False
 
     def _snap(self, s: Script) -> None:
         """Write the state at an event, and its tangents."""

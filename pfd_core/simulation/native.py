@@ -22,6 +22,9 @@ those of pfd_core.kernels.simulations.
 A program for rare states also runs in lanes that do not need it, and changes nothing there. K0 and
 slopes of all lanes come from one program, whatever their neighbours need: two programs of the same
 acceleration may round differently.
+
+What holds resting joints at the end of a segment without an event holds them at the beginning of
+the next one, if the state, torques and modes there have the same bits: it is not computed again.
 """
 
 from __future__ import annotations
@@ -32,7 +35,14 @@ from functools import partial
 from typing import ClassVar
 
 from pfd_core.kernels.script import Frame, Script, procedure
-from pfd_core.kernels.simulate import LOW_POSITION, MOTOR_TORQUE, UNFINISHED, Steps, evaluations
+from pfd_core.kernels.simulate import (
+    KNOWN,
+    LOW_POSITION,
+    MOTOR_TORQUE,
+    UNFINISHED,
+    Steps,
+    evaluations,
+)
 from pfd_core.kernels.simulations import StepCode
 from pfd_core.machine.program import Program
 from pfd_core.model.plant import Plant
@@ -194,12 +204,19 @@ class EventWriter:
     dynamics: Mapping[str, Program]
     frame: Frame
     kind: ClassVar[type[Script]] = Script
+    # Whether a step takes over what holds joints from the end of the one before.
+    keeps: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Lay out the arrays; an evaluation of `held` writes accelerations and lambda."""
         for place, torque in (('begin', 'lambda.begin'), ('end', 'lambda.end')):
             self.frame.place(f'rest.{place}', 2 * self.law.n)
             self.frame.split(f'rest.{place}', f'x.{place}', torque)
+            self.frame.place(f'y.{place}', self.law.n)
+        if self.keeps:
+            for name in (self.segment.tau[0], 'direction', 'moving'):
+                self.frame.place(f'{name}.known', self.law.n)
+            self.frame.place(KNOWN, 1)
         for program in self.programs.values():
             sizes = program.inputs | {name: len(x.places) for name, x in program.outputs.items()}
             for name, size in sizes.items():
@@ -229,6 +246,18 @@ class EventWriter:
         self._load(s, q, qd, tau, f'y.{place}')
         s.evaluate(f'rest.{place}', 'held', q=q, qd=qd, tau=f'y.{place}', free='moving')
 
+    def _rest_begin(self, s: Script) -> None:
+        """Do so at the beginning, unless the last segment has ended in the same state."""
+        tau, again = self.segment.tau[0], s.code.variable('i1', 'true')
+        if self.keeps:
+            with s.when_any(KNOWN):
+                for name in ('rest', 'y'):
+                    s.copy(f'{name}.end', f'{name}.begin')
+                kept = {x: f'{x}.known' for x in (tau, 'direction', 'moving')}
+                again.set(s.differ({'q': 'q.end', 'qd': 'qd.end'} | kept))
+        with s.code.when(again.get()):
+            self._rest(s, 'begin', 'q', 'qd', tau)
+
     def _accelerations(
         self, s: Script, result: str, q: str, qd: str, tau: str, damped: bool = True
     ) -> None:
@@ -254,7 +283,7 @@ class EventWriter:
             s.run('modes')
             with s.when_any('busy'):
                 with s.while_any('busy', box.PIVOTS * n):
-                    self._rest(s, 'begin', 'q', 'qd', self.segment.tau[0])
+                    self._rest_begin(s)
                     s.run('pivot', x='x.begin', torque='lambda.begin', load='zero')
                 s.run('held')
         return s
@@ -368,11 +397,23 @@ class EventWriter:
     def _find(self, s: Script) -> None:
         """Shorten a segment to its first event, if it has one."""
         s.fill('loose', 0.0, 1)
+        s.fill(KNOWN, 0.0, 1)
         with s.when_any('held'):
             s.run('loose', **{'lambda': 'lambda.end'})
+            self._keep(s)
         s.run('detect')
         with s.when_any('seek', rarely=True):
             self._search(s)
+            s.fill(KNOWN, 0.0, 1)
+
+    def _keep(self, s: Script) -> None:
+        """Keep what the forces that hold joints at the end depend on, besides the state."""
+        if self.keeps:
+            first, _, last = self.segment.tau
+            s.copy(last, f'{first}.known')
+            for name in ('direction', 'moving'):
+                s.copy(name, f'{name}.known')
+            s.fill(KNOWN, 1.0, 1)
 
     def _first(self, s: Script) -> None:
         """Write the accelerations of the first stage."""

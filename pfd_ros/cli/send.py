@@ -23,9 +23,11 @@ from pfd_ros.messages.types import FLOAT_ARRAY, JOINT_STATE
 from pfd_ros.text import listed
 
 NUMBER = 'std_msgs/msg/Float64'
-# Time [s] between two looks at the graph, and in which an arm refuses a message.
+# Time [s] between two looks at the graph, in which an arm refuses a message, and in which the
+# topics of a known node are discovered.
 POLL_SECONDS = 0.05
-ANSWER_SECONDS = 0.3
+ANSWER_SECONDS = 0.5
+DISCOVERY_SECONDS = 2.0
 DEPTH = 10
 
 
@@ -74,21 +76,22 @@ def _run(given: argparse.Namespace) -> int:
         # Discovery of the publisher takes longer than of the subscriber.
         _first(publisher.get_subscription_count, deadline + 1.0)
         refused: dict[str, str] = {}
-        nodes = _first(names, time.monotonic() + 1.0)
+        nodes = _first(names, time.monotonic() + patience)
 
         def arms() -> list[str]:
             known = dict(node.get_topic_names_and_types())
             return [name for name in nodes if f'{name}/{REJECTED}' in known]
 
-        found_arms = _first(arms, time.monotonic() + 1.0)
+        found_arms = _first(arms, time.monotonic() + DISCOVERY_SECONDS)
         listening = [
             node.create_subscription(
                 String, f'{name}/{REJECTED}', partial(_refused, refused, name), DEPTH
             )
             for name in found_arms
         ]
+        # An arm that answers knows the subscription from before: its refusal will come.
+        joints = [joint for name in found_arms for joint in _joints(node, name, patience)]
         if found == [JOINT_STATE] and not topic.endswith(str(ROLES[SET_STATE].topic)[1:]):
-            joints = [joint for name in found_arms for joint in _joints(node, name, patience)]
             strange = [name for name in message.name if name not in joints]
             if found_arms and strange:
                 raise ValueError(

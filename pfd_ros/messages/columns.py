@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 import math
 from operator import attrgetter
@@ -142,8 +143,7 @@ def full_type(kind: str) -> str:
 
 def check_names(names: Sequence[str]) -> None:
     """Raise ValueError if joints of a message have one name; those without a name are none."""
-    found = [name for name in names if name]
-    twice = [name for k, name in enumerate(found) if name in found[:k]]
+    twice = [name for name, count in Counter(names).items() if name and count > 1]
     if twice:
         raise ValueError(f'it names joints twice: {listed(twice)}')
 

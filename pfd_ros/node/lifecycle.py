@@ -91,7 +91,8 @@ class SimArmNode(LifecycleNode):
         # By transition, until it succeeds.
         self._failed: dict[str, str] = {}
         self._report = Report(self.get_logger())
-        parameters.refuse_files_of_others(args, self.get_fully_qualified_name())
+        for line in parameters.files_of_others(self, args):
+            self._report.log(line)
         self._diagnostics = self.create_publisher(
             DiagnosticArray,
             ROLES[DIAGNOSTICS].topic,

@@ -203,11 +203,13 @@ def refuse_unknown(node: Node) -> str:
     return f'unknown parameters ignored: {listed(unknown)}{hint}' if unknown else ''
 
 
-def refuse_files_of_others(args: Sequence[str], full_name: str) -> None:
-    """Raise ValueError for a parameter file on a command line without a section for a node.
+def files_of_others(node: Node, args: Sequence[str]) -> Iterator[str]:
+    """Yield a line for each parameter file on a command line without a section for a node.
 
-    ROS ignores such a file: the node would run another robot than it states.
+    ROS ignores such a file, which a launch file may give to all its nodes. If nothing else names
+    the robot, the node would run another one than the file states: ValueError.
     """
+    full_name = node.get_fully_qualified_name()
     for option, path in itertools.pairwise(args):
         if option != '--params-file':
             continue
@@ -220,10 +222,13 @@ def refuse_files_of_others(args: Sequence[str], full_name: str) -> None:
                 for section in sections
             ]
             if sections and not re.fullmatch('|'.join(patterns), full_name):
-                raise ValueError(
+                line = (
                     f'{path} has no parameters for {full_name}, only for {listed(sections)}: '
                     f"write {full_name.rpartition('/')[2]!r} or '/**' in it, or leave it out"
                 )
+                if 'robot' not in _given(node):
+                    raise ValueError(line)
+                yield line
 
 
 def _sections(tree: Any, name: str = '') -> Iterator[str]:

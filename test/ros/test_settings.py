@@ -339,7 +339,8 @@ def test_parameters_come_from_a_yaml_file(processes, peer_of):
         '    initial_positions: [0.5, -0.25]\n    step_size: 0.002\n    publish_rate: 100.0\n'
         '    colour: red\n'
     )
-    arm = processes.arm('--params-file', 'given.yaml')
+    (processes.folder / 'other.yaml').write_text('arm:\n  ros__parameters: {robot: ur5}\n')
+    arm = processes.arm('--params-file', 'given.yaml', '--params-file', 'other.yaml')
     peer = peer_of(processes)
     peer.connect()
     peer.let_pass(5)
@@ -350,6 +351,9 @@ def test_parameters_come_from_a_yaml_file(processes, peer_of):
     arm.stop()
     # A file for all nodes may hold parameters of others.
     assert "unknown parameters ignored: ['colour']" in arm.text()
+    # A launch file may give the file of one node to all of them.
+    assert "other.yaml has no parameters for /sim_arm, only for ['/arm']" in arm.text()
+    assert 'given.yaml has' not in arm.text()
 
 
 # Arguments of a node that does not start, and a part of its one line.

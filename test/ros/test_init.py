@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-import dataclasses
 from importlib import import_module
 import os
 from pathlib import Path
@@ -29,7 +28,7 @@ import yaml
 
 import pfd_core as pfd
 from pfd_ros import read_log
-from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.settings import FIELDS
 from pfd_ros.cli.main import main as pfd_main
 from pfd_ros.testing import LockstepArm
 
@@ -552,7 +551,7 @@ def nodes(path: Path, kinds: dict[str, type[Recorded]], urdf: Path) -> list[dict
 def test_a_launch_file_starts_arms_with_parameters_that_they_have(path, recorder, tmp_path):
     urdf = tmp_path / 'arm.urdf'
     urdf.write_text(gripper_arm.urdf())
-    known = {field.metadata['name'] or field.name for field in dataclasses.fields(Settings)}
+    known = {row.name for row in FIELDS}
     started = nodes(path, recorder, urdf)
     arms = [node for node in started if node['package'] == 'pfd_ros']
     assert len(arms) == (2 if path.name.startswith('two') else 1)

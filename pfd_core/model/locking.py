@@ -119,11 +119,11 @@ def locked_positions(
     """
     Return the positions [rad, m] of locked joints, and of those that follow them, by name.
 
-    Joints are as Lockable. A key that is no name and has *, ? or [ is a pattern, of all names that
-    match it; names have precedence over patterns, and these over later ones. A number has
+    Joints have the fields of Lockable. A key with *, ? or [ that is not the name of a joint is a
+    pattern; names have precedence over patterns, and these over later ones. A number has
     precedence over the rule of a follower, this over None, which is next to 0 within the limits.
     ValueError, with the name of the robot, for a name or pattern of no joint that moves and for a
-    position that is no finite number within the limits.
+    position that is not finite or is outside the limits.
     """
     if not isinstance(positions, Mapping):
         raise ValueError(f'locked must map names of joints to positions, got {quote(positions)}')

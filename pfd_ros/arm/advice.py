@@ -34,8 +34,8 @@ from pfd_ros.text import cut
 # Multiple of the velocity limit beyond every intended motion. Under the torque-speed limit, which
 # is on by default, a joint that oscillates at full effort comes close to 2 and never above.
 RUNAWAY = 1.5
-# With fewer commands nothing answers the states: there are no gains. What answers is not known of
-# more: the same torque may be published again and again.
+# With fewer commands no controller answers the states. With more it is not known whether one does:
+# the same torque may be published again and again.
 FEWEST_COMMANDS = 10
 
 

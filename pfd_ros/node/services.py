@@ -10,8 +10,8 @@
 
 Where ROS finds the package `simulation_interfaces`, there are the standard services of simulators,
 too. They have the names that other simulators give them, in the namespace of the node. Such a call
-is answered once it is done, from a thread of its own: in lockstep, steps wait for commands, which
-the executor takes.
+is answered once it is done, by its own thread: in lockstep, steps wait for commands, which the
+executor takes.
 """
 
 from __future__ import annotations

@@ -299,7 +299,7 @@ class Recorded:
         return None
 
     def _without_limits(self) -> Iterator[str]:
-        """Yield lines on joints and numbers of a log for which a robot gives limits in vain."""
+        """Yield lines on the joints and numbers of a log whose limits are not checked."""
         robot = self.robot
         others = [name for name in self.names if robot and name not in robot.joint_names]
         if robot and others and self.log.robot is None:

@@ -222,7 +222,7 @@ def recorded(log: Path | str, joint: str = '', *, robot: str | None = None) -> T
     joints = next((each for each in run.joints if joint in ('', *each.names)), None)
     if joints is None:
         raise LogError(f'{log} has no joint states{f" of {cut(joint)!r}" if joint else ""}')
-    # Of states with one stamp, such as those that are sent again, the first.
+    # A state that was sent again has the same stamp: the first is taken.
     rows = np.append(True, np.diff(joints.time) > 0.0)
     q, qd, tau = (joints.values[item][rows] for item in JOINT_FIELDS)
     (lower, upper), (_, speed), (_, effort) = (joints.bounds[item] for item in JOINT_FIELDS)

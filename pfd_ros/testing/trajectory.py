@@ -445,7 +445,7 @@ class Trajectory:
 
 
 def _check_bounds(**bounds: float) -> None:
-    """Raise ValueError for a bound of an assertion that is no number, or below zero."""
+    """Raise ValueError for a bound of an assertion that is not a number or is negative."""
     for name, value in bounds.items():
         if np.ndim(value) or not value >= 0.0:
             raise ValueError(f'{name} is {value!r}, expected one number, 0 or above')

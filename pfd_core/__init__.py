@@ -38,7 +38,7 @@ To change or add
                             kernels.cache.kept. Only without a file there a program of dynamics
                             is recorded -> kernels.lower.lower -> kernels.generate
     sine and cosine         kernels.sines
-    threads of batches      kernels.threads: thread_count, block_size, run
+    threads of batches      kernels.threads.run, kernels.threads.thread_count
 
 The names below are the public ones. Each is imported from its module at its first use.
 """

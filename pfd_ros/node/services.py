@@ -35,7 +35,8 @@ from pfd_ros.node.threads import Threads
 from pfd_ros.text import one_line
 
 # The executor's thread waits for the arm, which takes inputs at least twenty times a second.
-ANSWER_SECONDS = 0.5  # Between two looks at an arm that is not done, s.
+ANSWER_SECONDS = 0.5
+# Between two looks at an arm that is not done, s.
 LOOK_SECONDS = 1e-3
 FEATURES = (
     *('SIMULATION_RESET', 'SIMULATION_RESET_STATE', 'SIMULATION_STATE_GETTING'),

@@ -5,10 +5,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-import os
 from pathlib import Path
 import re
+import runpy
 import shlex
+import shutil
 import sys
 import tempfile
 from types import SimpleNamespace
@@ -18,17 +19,18 @@ from arm_messages import efforts, named
 import numpy as np
 import pytest
 from recordings import Run, simulate
-from ros_processes import PATIENCE, ForkedProcess, Job
+from ros_processes import PATIENCE
 from test_cli import command
 from test_page import FAULTS as PAGE_FAULTS
 from test_page import TIMES, UR5, states, write_bag
+from tested_controllers import node_of
 
 from pfd_ros.motion.symptoms import KINDS as SYMPTOM_KINDS
 from pfd_ros.page.findings import KINDS as FINDING_KINDS
 from pfd_ros.recording.format import LogError
 from pfd_ros.recording.log import Log as RecordedLog
 from pfd_ros.replay.verify import verify as verify_log
-from pfd_ros.testing import ArmError, ControllerProcess, LockstepArm, findings, recorded, replayed
+from pfd_ros.testing import ArmError, LockstepArm, findings, recorded, replayed
 from pfd_ros.testing.written import ASSERTIONS as FINDING_ASSERTIONS
 
 CONTROLLERS = Path(__file__).with_name('tested_controllers.py')
@@ -82,13 +84,32 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, 'path', [*sys.path])
 
 
+def defined(code: str) -> dict[str, Any]:
+    """Return the names that code defines."""
+    found: dict[str, Any] = {}
+    exec(code, found)
+    return found
+
+
 @pytest.fixture
 def laws(here: None) -> dict[str, Any]:
     """Write the controllers into the current folder, and return them."""
     Path('laws.py').write_text(LAWS)
-    found: dict[str, Any] = {}
-    exec(LAWS, found)
-    return found
+    return defined(LAWS)
+
+
+@pytest.fixture(scope='module')
+def log_of_pd(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a recording of the first law."""
+    path = tmp_path_factory.mktemp('pd') / 'a.mcap'
+    driven(str(path), defined(LAWS)['pd'])
+    return path
+
+
+@pytest.fixture
+def driven_by_pd(laws: dict[str, Any], log_of_pd: Path) -> None:
+    """Put the laws and a recording of the first one into the current folder."""
+    shutil.copy(log_of_pd, 'a.mcap')
 
 
 def states_of(path: Path | str) -> list[bytes]:
@@ -98,14 +119,14 @@ def states_of(path: Path | str) -> list[bytes]:
 def driven(path: str, law: Callable[..., Any], **settings: Any) -> None:
     """Record a test that pushes, changes, sets and resets its arm between runs."""
     with LockstepArm(**ARM, **settings, recording=path) as arm:
-        arm.run(law, 0.1)
+        arm.run(law, 0.06)
         arm.push([5.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-        arm.run(law, 0.1)
+        arm.run(law, 0.06)
         arm.set_state([0.1, 0.2])
         arm.set(payload_mass=0.5)
-        arm.run(law, 0.1)
+        arm.run(law, 0.06)
         arm.reset()
-        arm.run(law, 0.1)
+        arm.run(law, 0.06)
 
 
 def awaited(path: str, law: Callable[..., Any]) -> None:
@@ -177,9 +198,9 @@ def test_the_changed_arm_moves_as_one_that_was_so_from_the_start(words, laws):
 
     def record(path, **more):
         with LockstepArm(**{**ARM, 'start_time': 1.0, **more}, recording=path) as arm:
-            arm.run(laws['pd'], 0.1)
+            arm.run(laws['pd'], 0.05)
             arm.push([5.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-            arm.run(laws['pd'], 0.1)
+            arm.run(laws['pd'], 0.05)
 
     record('a.mcap')
     record('b.mcap', **settings)
@@ -211,12 +232,12 @@ FAULTS = {
 
 
 @pytest.mark.parametrize('fault', FAULTS)
-def test_a_controller_that_fails_is_named_and_its_run_is_recorded_up_to_there(fault, laws):
-    driven('a.mcap', laws['pd'])
+def test_a_controller_that_fails_is_named_and_its_run_is_recorded_up_to_there(fault, driven_by_pd):
     before = Path('a.mcap').read_bytes()
-    status, printed, error = command(
-        *('replay', 'a.mcap', '--what-if', '--controller', f'laws:{fault}', '--plot', 'a.svg')
-    )
+    # A plot of nothing is the special one.
+    plot = ['--plot', 'a.svg'] if fault == 'never' else []
+    words = ['replay', 'a.mcap', '--what-if', '--controller', f'laws:{fault}', *plot]
+    status, printed, error = command(*words)
     assert status == 1
     (line,) = [line for line in printed.splitlines() if line.startswith('FAILED')]
     said, shown = FAULTS[fault]
@@ -254,8 +275,9 @@ def test_a_controller_that_fails_is_named_and_its_run_is_recorded_up_to_there(fa
         ('--verify --process x', 2, '--process requires --what-if'),
     ],
 )
-def test_what_is_no_controller_is_one_line_and_writes_nothing(words, status, message, laws):
-    driven('a.mcap', laws['pd'])
+def test_what_is_no_controller_is_one_line_and_writes_nothing(
+    words, status, message, driven_by_pd
+):
     Path('wrong.py').write_text('def (')
     given = words.split() if '"' in words else shlex.split(words)
     found = command('replay', 'a.mcap', *given)
@@ -279,11 +301,10 @@ def test_an_unchanged_node_in_another_process_has_the_bits_of_its_log(
 ):
     for name in ('PATIENCE_SECONDS', 'START_PATIENCE_SECONDS'):
         monkeypatch.setattr(f'pfd_ros.testing.again.{name}', PATIENCE)
-    with (
-        ControllerProcess([sys.executable, CONTROLLERS, kind]) as node,
-        LockstepArm('ur5', armature=True, gravity_compensation=True, recording='a.mcap') as arm,
-    ):
-        arm.spin(0.1, node, patience=PATIENCE, start_patience=PATIENCE)
+    node = node_of(kind)
+    with LockstepArm('ur5', armature=True, recording='a.mcap') as arm:
+        arm.spin(0.1, node)
+    node.destroy_node()
     words = shlex.join([sys.executable, str(CONTROLLERS), kind, *filter(None, [fault])])
     status, said = NODES[kind, fault]
     found = command('replay', 'a.mcap', '--what-if', '--process', words)
@@ -297,8 +318,7 @@ def test_an_unchanged_node_in_another_process_has_the_bits_of_its_log(
     assert fault or new == old
 
 
-def test_a_simulation_that_fails_ends_the_run_with_its_time_and_status_0(laws):
-    driven('a.mcap', laws['pd'])
+def test_a_simulation_that_fails_ends_the_run_with_its_time_and_status_0(driven_by_pd):
     words = ['damping=[1e6, 1e6]', 'integrator=rk4', '--controller', 'laws:pd']
     status, printed, _ = command('replay', 'a.mcap', '--what-if', *words)
     assert status == 0
@@ -306,7 +326,6 @@ def test_a_simulation_that_fails_ends_the_run_with_its_time_and_status_0(laws):
     assert verify_log('a_what_if.mcap').complete
 
 
-HELD: dict[str, Any] = {'robot': 'planar2', 'gravity_compensation': True}
 LAW = """
 import numpy as np
 
@@ -340,30 +359,37 @@ WRONG = {
 }
 
 
-def forked(command: Sequence[Any], **more: Any) -> SimpleNamespace:
-    """Do what subprocess.run does with pytest, in a process that need not import this package.
+def run_here(command: Sequence[Any], **_: Any) -> SimpleNamespace:
+    """Do what a process with pytest does with a file of one test, in this process.
 
     It runs in another folder than the current one, and without it on the path of Python.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        output = Path(folder) / 'printed.txt'
-        words = [*command[command.index('-q') :][:-1], str(Path(command[-1]).absolute())]
+    file, modules, here = Path(command[-1]).absolute(), {*sys.modules}, Path.cwd()
+    with pytest.MonkeyPatch.context() as patch, tempfile.TemporaryDirectory() as folder:
+        patch.chdir('/')
+        patch.setattr(sys, 'path', [x for x in sys.path if Path(x or here) != here])
         # A controller is written twice within a second.
-        replaced = {'sys.dont_write_bytecode': True}
-        job = Job('pytest', words, output, more['env'], Path('/'), replaced)
-        return SimpleNamespace(
-            returncode=ForkedProcess(job).wait(), stdout=output.read_text(), stderr=''
-        )
+        patch.setattr(sys, 'dont_write_bytecode', True)
+        for name, module in [*sys.modules.items()]:
+            if Path(getattr(module, '__file__', None) or '/').parent == here:
+                patch.delitem(sys.modules, name)
+        names = runpy.run_path(str(file))
+        (test,) = (call for name, call in names.items() if name.startswith('test_'))
+        printed = ''
+        try:
+            test(*[Path(folder)] * test.__code__.co_argcount)
+        except Exception as error:
+            printed = f'FAILED {file.name}::{test.__name__} - {type(error).__name__}: {error}'
+        for name in {*sys.modules} - modules:
+            del sys.modules[name]
+    return SimpleNamespace(returncode=bool(printed), stdout=printed, stderr='')
 
 
-FORKS = SimpleNamespace(run=forked, TimeoutExpired=TimeoutError)
-
-
-def passes(file: str) -> bool:
-    env = {name: os.environ[name] for name in ('PATH', 'PFD_CACHE')}
-    done = forked(['-q', '-p', 'no:cacheprovider', file], env=env)
-    assert done.returncode in (0, 1), done.stdout
-    return done.returncode == 0
+@pytest.fixture
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run written tests without processes."""
+    own = SimpleNamespace(run=run_here, TimeoutExpired=TimeoutError)
+    monkeypatch.setattr('pfd_ros.testing.written.subprocess', own)
 
 
 def upright(path: Path) -> None:
@@ -429,8 +455,7 @@ WRITTEN: dict[str, tuple[Callable[[Path], Any], str, str, str]] = {
 
 
 @pytest.mark.parametrize('name', WRITTEN)
-def test_the_first_finding_is_written_as_a_test_that_fails_by_it(name, monkeypatch):
-    monkeypatch.setattr('pfd_ros.testing.written.subprocess', FORKS)
+def test_the_first_finding_is_written_as_a_test_that_fails_by_it(name, in_this_process):
     record, kind, assertion, words = WRITTEN[name]
     Path('logs').mkdir()
     Path('tests').mkdir()
@@ -447,56 +472,44 @@ def test_the_first_finding_is_written_as_a_test_that_fails_by_it(name, monkeypat
     assert {*Path().iterdir()} == {Path('logs'), Path('tests')}
 
 
-def test_the_limits_of_another_arm_are_those_of_the_robot_that_is_named(monkeypatch):
-    monkeypatch.setattr('pfd_ros.testing.written.subprocess', FORKS)
+def test_the_limits_of_another_arm_are_those_of_the_robot_that_is_named(in_this_process):
     rows = states(UR5, TIMES)
     rows[70][2]['velocity'][2] = 4.0
     write_bag(Path('a.mcap'), rows)
     assert command('report', 'log', 'a.mcap', '--pytest', 'test_a.py')[0] == 1
-    words = [
-        'report',
-        'log',
-        'a.mcap',
-        '--robot',
-        'ur5',
-        '--pytest',
-        'test_a.py',
-        '--out',
-        'a.html',
-    ]
-    status, printed, _ = command(*words)
+    words = 'report log a.mcap --robot ur5 --pytest test_a.py --out a.html'
+    status, printed, _ = command(*words.split())
     assert (status, 'elbow_joint' in printed, Path('a.html').exists()) == (0, True, True)
     text = Path('test_a.py').read_text()
     assert "recorded(LOG, 'elbow_joint', robot='ur5')" in text
     # Recorded again, it passes.
     Path('a.mcap').unlink()
     write_bag(Path('a.mcap'), states(UR5, TIMES))
-    assert passes('test_a.py')
+    assert not run_here(['test_a.py']).returncode
 
 
 @pytest.mark.parametrize('name', WRONG)
-def test_with_its_controller_the_test_passes_once_that_is_fixed(name, monkeypatch):
+def test_with_its_controller_the_test_passes_once_that_is_fixed(name, request):
     text, kind, joint = WRONG[name]
+    # One real process.
     if name != 'saturates':
-        monkeypatch.setattr('pfd_ros.testing.written.subprocess', FORKS)
+        request.getfixturevalue('in_this_process')
     # A name of the template too.
     attribute, more = 'holder.law' if name == 'saturates' else 'run', '\n\nrun = law\n'
     Path('wrong.py').write_text(text + more)
     Path('tests').mkdir()
-    found: dict[str, Any] = {}
-    exec(text, found)
-    with LockstepArm(**HELD, recording='a.mcap') as arm:
+    with LockstepArm(**ARM, recording='a.mcap') as arm:
         try:
-            arm.run(found['law'], 2.0)
+            arm.run(defined(text)['law'], 1.0 if 'cycle' in name else 0.3)
         except ArmError:
             assert 'sign' in name
     words = ['--pytest', 'tests/test_a.py', '--controller', f'wrong:{attribute}']
     status, printed, error = command('report', 'log', 'a.mcap', *words)
     assert (status, error) == (0, '')
     assert f', {kind}: {joint}: ' in printed
-    assert not passes('tests/test_a.py')
+    assert run_here(['tests/test_a.py']).returncode
     Path('wrong.py').write_text(FIXED + more)
-    assert passes('tests/test_a.py')
+    assert not run_here(['tests/test_a.py']).returncode
 
 
 def test_with_a_controller_that_lacks_the_fault_nothing_is_written():
@@ -520,6 +533,17 @@ def test_every_kind_of_finding_has_an_assertion_or_says_why_not():
     assert asserted - tested == {'position limit', 'diagnostics'}
 
 
+@pytest.fixture(scope='module')
+def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with logs without a fault, with one, and of another arm."""
+    folder = tmp_path_factory.mktemp('logs')
+    idle = {k: [named(['shoulder', 'elbow'], effort=[0, 0])] for k in (1, 2)}
+    simulate(folder / 'good.mcap', 50, idle)
+    fault('effort at its limit')(folder / 'bad.mcap')
+    infinite(folder / 'other.mcap')
+    return folder
+
+
 @pytest.mark.parametrize(
     ('words', 'message'),
     [
@@ -537,12 +561,9 @@ def test_every_kind_of_finding_has_an_assertion_or_says_why_not():
         ('bad.mcap --pytest test_a.py --start 0.01', '--pytest conflicts with --start'),
     ],
 )
-def test_what_cannot_be_written_is_one_line_and_no_file(words, message):
-    simulate(
-        Path('good.mcap'), 50, {k: [named(['shoulder', 'elbow'], effort=[0, 0])] for k in (1, 2)}
-    )
-    fault('effort at its limit')(Path('bad.mcap'))
-    infinite(Path('other.mcap'))
+def test_what_cannot_be_written_is_one_line_and_no_file(words, message, logs, in_this_process):
+    for log in logs.iterdir():
+        shutil.copy(log, log.name)
     Path('test_mine.py').write_text('mine')
     Path('wrong.py').write_text(f"{FIXED}\n\ndef raises(t, q, qd):\n    return {{}}['gain']\n")
     before = {*Path().iterdir()}
@@ -554,8 +575,7 @@ def test_what_cannot_be_written_is_one_line_and_no_file(words, message):
     assert Path('test_mine.py').read_text() == 'mine'
 
 
-def test_names_in_a_log_cannot_write_other_code(monkeypatch):
-    monkeypatch.setattr('pfd_ros.testing.written.subprocess', FORKS)
+def test_names_in_a_log_cannot_write_other_code(in_this_process):
     hostile = 'elbow\'); raise SystemExit(3) #\n\u2028"""\\{joint}'
     rows = states([hostile, 'other'], TIMES)
     rows[50][2]['velocity'][0] = np.inf
@@ -567,11 +587,10 @@ def test_names_in_a_log_cannot_write_other_code(monkeypatch):
 
 
 def test_a_replayed_motion_is_that_of_the_log_or_of_a_changed_arm():
-    found: dict[str, Any] = {}
-    exec(FIXED, found)
-    with LockstepArm(**HELD, recording='a.mcap') as arm:
-        motion = arm.run(found['law'], 0.5)
-    for given in ({}, {'controller': found['law']}):
+    law = defined(FIXED)['law']
+    with LockstepArm(**ARM, recording='a.mcap') as arm:
+        motion = arm.run(law, 0.2)
+    for given in ({}, {'controller': law}):
         again = replayed('a.mcap', Path(f'{len(given)}.mcap'), **given)
         assert again.names == motion.names
         assert again.stopped == ''
@@ -579,8 +598,8 @@ def test_a_replayed_motion_is_that_of_the_log_or_of_a_changed_arm():
         np.testing.assert_array_equal(again.q[:-1], motion.q[1:])
         np.testing.assert_array_equal(again.tau, motion.tau)
         np.testing.assert_array_equal(again.limits.effort, motion.limits.effort)
-        assert again.tip() == pytest.approx(recorded('a.mcap').tip())
-    other = replayed('a.mcap', 'b.mcap', ['payload.mass=1.5'], controller=found['law'])
+    assert again.tip() == pytest.approx(recorded('a.mcap').tip())
+    other = replayed('a.mcap', 'b.mcap', ['payload.mass=0.8'], controller=law)
     assert np.abs(other.q - again.q).max() > 1e-3
     assert findings('a.mcap', 'effort limit', 'shoulder') == []
 

@@ -14,6 +14,7 @@ import tempfile
 from typing import Any
 
 from hypothesis import HealthCheck, settings
+from hypothesis.internal.conjecture import providers
 import pytest
 
 from pfd_core.kernels import native, threads
@@ -26,6 +27,8 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))
 # Objects between two collections, and collections of one generation between those of the next: a
 # recording makes hundreds of thousands of objects that live on.
 COLLECTED = (50_000, 20, 50)
+# What the collection of the tests makes lives on, too.
+gc.disable()
 # Of the parameters of a test that are all marked `slow`, one in so many is not `long`.
 SAMPLED = 6
 
@@ -44,6 +47,8 @@ settings.register_profile(
     'search', settings.get_profile('repeatable'), derandomize=False, max_examples=2000
 )
 settings.load_profile('repeatable')
+# Constants of the modules that are imported by chance change the examples, and take a second.
+providers._get_local_constants = lambda: providers._local_constants
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -126,6 +131,7 @@ def pytest_collection_finish() -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(*COLLECTED)
+    gc.enable()
 
 
 @pytest.fixture(scope='session', autouse=True)

@@ -5,7 +5,9 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from configparser import ConfigParser
+from functools import cache
 from graphlib import TopologicalSorter
 import importlib
 import json
@@ -113,14 +115,17 @@ def modules() -> dict[str, Path]:
     }
 
 
-def imported_by(path: Path) -> Iterator[str]:
-    """Yield the full name of each module, or name in a module, that a file imports."""
+@cache
+def imported_by(path: Path) -> list[str]:
+    """Return the full name of each module, or name in a module, that a file imports."""
+    found = list[str]()
     for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            found += (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f'{path}: relative import'
-            yield from (f'{node.module}.{alias.name}' for alias in node.names)
+            found += (f'{node.module}.{alias.name}' for alias in node.names)
+    return found
 
 
 def member(name: str, package: str) -> str:
@@ -147,15 +152,6 @@ def violations(found: dict[str, Path]) -> Iterator[str]:
                 f'{module}.'.startswith(f'{subpackage}.') for subpackage in subpackages
             ):
                 yield f'{module} imports {name}'
-
-
-def circle(found: dict[str, Path]) -> None:
-    """Raise graphlib.CycleError if modules import each other in a circle."""
-    graph = {}
-    for module, path in found.items():
-        names = {name if name in found else name.rpartition('.')[0] for name in imported_by(path)}
-        graph[module] = (names & found.keys()) - {module}
-    TopologicalSorter(graph).prepare()
 
 
 def test_imports_point_one_way() -> None:
@@ -243,7 +239,11 @@ def test_names_of_functions_that_tables_load_at_first_use_exist() -> None:
 
 
 def test_no_circle_of_imports() -> None:
-    circle(modules())
+    graph, found = {}, modules()
+    for module, path in found.items():
+        names = {name if name in found else name.rpartition('.')[0] for name in imported_by(path)}
+        graph[module] = (names & found.keys()) - {module}
+    TopologicalSorter(graph).prepare()
 
 
 # doctor looks at the cache of compiled kernels and the processor that they are compiled for.
@@ -393,50 +393,67 @@ def installed(sources: Path) -> dict[str, str]:
     return {str(path): path.read_text(encoding='utf-8') for path in files}
 
 
-def wheel(sources: Path, name: str = 'pfd_ros') -> dict[str, str]:
+def wheel(sources: Path) -> dict[str, str]:
     """Return the text of each file in the wheel, by path; pip fetches its tools for that."""
     run([sys.executable, '-m', 'pip', 'wheel', '--no-deps', '-q', '-w', 'dist', '.'], sources)
-    (path,) = (sources / 'dist').glob(f'{name}-*.whl')
+    (path,) = (sources / 'dist').glob('*.whl')
     with zipfile.ZipFile(path) as found:
-        return {
-            part.rpartition('.dist-info/')[2]: found.read(part).decode()
-            for part in found.namelist()
-        }
+        return {part: found.read(part).decode() for part in found.namelist()}
 
 
-@pytest.mark.parametrize('build', [installed, pytest.param(wheel, marks=pytest.mark.slow)])
-def test_an_installation_holds_code_robots_parameters_and_the_ament_marker(
-    copy: Path, build: Callable[[Path], dict[str, str]]
-) -> None:
-    files = build(copy)
-    for part in (
-        'pfd_core/kernels/kernel.py',
-        'pfd_core/py.typed',
-        'pfd_ros/py.typed',
-        'pfd_core/config/robots/puma560.yaml',
-        'pfd_core/config/sim_arm.yaml',
-        'pfd_ros/node/main.py',
-        'pfd_ros/arm/conventions.yaml',
-        'pfd_ros/testing/loopback.xml',
-        *(str(path.relative_to(ROOT)) for path in TEMPLATES.rglob('*.in')),
-        *(f'pfd_ros/page/assets/{path.name}' for path in (ROOT / 'pfd_ros/page/assets').iterdir()),
-        'share/pfd_ros/package.xml',
-        'share/pfd_ros/config/sim_arm.yaml',
-        'share/pfd_ros/launch/two_arms.launch.py',
-        'share/ament_index/resource_index/packages/pfd_ros',
-    ):
-        assert any(name.endswith(part) for name in files), part
+PARTS = (
+    'pfd_core/kernels/kernel.py',
+    'pfd_core/py.typed',
+    'pfd_ros/py.typed',
+    'pfd_core/config/robots/puma560.yaml',
+    'pfd_core/config/sim_arm.yaml',
+    'pfd_ros/node/main.py',
+    'pfd_ros/arm/conventions.yaml',
+    'pfd_ros/testing/loopback.xml',
+    *(str(path.relative_to(ROOT)) for path in TEMPLATES.rglob('*.in')),
+    *(f'pfd_ros/page/assets/{path.name}' for path in (ROOT / 'pfd_ros/page/assets').iterdir()),
+    'share/pfd_ros/package.xml',
+    'share/pfd_ros/config/sim_arm.yaml',
+    'share/pfd_ros/launch/two_arms.launch.py',
+    'share/ament_index/resource_index/packages/pfd_ros',
+)
+USED = """
+import sys
+assert pfd.__file__.startswith(sys.path[1]), pfd.__file__
+print(run.status, trajectory.q.shape, {'pfd_ros', 'rclpy', 'pinocchio'} & {*sys.modules})
+"""
 
 
-@pytest.mark.slow
-def test_ros_comes_only_with_its_extra(copy: Path) -> None:
-    # Otherwise it would lie over a machine's own.
-    files = installed(copy)
+def packages_needed(files: dict[str, str]) -> dict[str, set[str]]:
+    """Return the packages that an installation and each of its extras need."""
     (text,) = (text for name, text in files.items() if name.endswith('egg-info/requires.txt'))
-    needed, _, ros = text.partition('\n[ros]\n')
-    assert 'ros-jazzy' not in needed
-    assert ros.split('\n\n')[0].count('ros-jazzy') == 3
-    assert 'ros-jazzy' not in ros.split('\n\n')[1]
+    found = ConfigParser(allow_no_value=True, delimiters=['\0'])
+    found.read_string(f'[all]\n{text}')
+    return {name: {*found[name]} for name in found.sections()}
+
+
+def test_installations_are_complete_and_the_library_alone_runs_without_ros(copy: Path) -> None:
+    both, core = (installed(copy / part) for part in ('.', CORE))
+    assert [part for part in PARTS if not any(name.endswith(part) for name in both)] == []
+    needed, of_core = packages_needed(both), packages_needed(core)
+    assert all(names <= needed[extra] for extra, names in of_core.items())
+    # Wheels of ROS would lie over a machine's own.
+    ros = {extra: sum('ros-jazzy' in x for x in names) for extra, names in needed.items()}
+    assert {extra: count for extra, count in ros.items() if count} == {'ros': 3}
+    (site,) = {name.partition('pfd_core/')[0] for name in core if name.endswith('py.typed')}
+    (where,) = {name.partition('pfd_core/')[0] for name in both if name.endswith('core/py.typed')}
+    for name, text in core.items():
+        assert not name.endswith('.py') or both[name.replace(site, where)] == text
+    code = (copy / CORE / 'README.md').read_text().split('```python')[1].split('```')[0]
+    said = run([sys.executable, '-c', code + USED], copy.parent, PYTHONPATH=site)
+    assert said == 'ok (1000, 6) set()\n'
+
+
+@pytest.mark.long
+def test_a_wheel_is_complete(copy: Path) -> None:
+    files = wheel(copy)
+    assert [part for part in PARTS if not any(name.endswith(part) for name in files)] == []
+    assert {name for name in wheel(copy / CORE) if name.endswith('.py')} <= files.keys()
 
 
 def test_package_xml_and_setup_py_agree() -> None:
@@ -461,33 +478,6 @@ def test_the_changelog_is_one_that_a_release_for_ros_reads() -> None:
     ((version, _, content),) = found.foreach_version()
     assert version == pfd.__version__
     assert 'pfd sim' in str(content[0])
-
-
-USED = """
-import sys
-assert pfd.__file__.startswith(sys.path[1]), pfd.__file__
-print(run.status, trajectory.q.shape, {'pfd_ros', 'rclpy', 'pinocchio'} & {*sys.modules})
-"""
-
-
-@pytest.mark.slow
-def test_the_library_alone_is_a_distribution_that_runs_without_ros(copy: Path) -> None:
-    files = {x: wheel(copy / x, f'pfd_{kind}') for x, kind in (('.', 'ros'), (CORE, 'core'))}
-    ros, core = (
-        {line for line in files[x]['METADATA'].splitlines() if line.startswith('Requires-Dist')}
-        for x in files
-    )
-    assert core <= ros
-    assert (
-        files['.'].items() >= {k: v for k, v in files[CORE].items() if k.endswith('.py')}.items()
-    )
-    target = copy.parent / 'site'
-    (path,) = (copy / CORE / 'dist').glob('*.whl')
-    with zipfile.ZipFile(path) as found:
-        found.extractall(target)
-    code = (copy / CORE / 'README.md').read_text().split('```python')[1].split('```')[0]
-    said = run([sys.executable, '-c', code + USED], target, PYTHONPATH=str(target))
-    assert said == 'ok (1000, 6) set()\n'
 
 
 @pytest.mark.slow

@@ -21,11 +21,13 @@ must have the larger or the smaller span, too. A turning point is right to half 
 and so are the times between two of them. Efforts are cut to their limits, so commanded efforts and
 measured ones give one diagnosis.
 
+Noise turns, too: the changes of an oscillation over half a period repeat themselves, by their
+correlation. If those of small turns do not, those above a share NOISY of the largest may.
+
 A joint that follows a moving reference turns as often as the reference. It oscillates if its error
-turns HARMONICS times as often, mostly in half to twice the mean time, at a share STEADY of the
-speed of the reference. A joint that runs away from its target faster than its velocity oscillates
-runs away. If no target is known, turns below REFERENCE_RATE may be those of a reference, and are
-no oscillation.
+turns HARMONICS times as often, at a share STEADY of the speed of the reference. A joint that runs
+away from its target faster than its velocity oscillates runs away. If no target is known, turns
+below REFERENCE_RATE may be those of a reference, and are no oscillation.
 """
 
 from __future__ import annotations
@@ -40,8 +42,10 @@ import numpy as np
 
 from pfd_ros.motion.metrics import Array, first_beyond
 
-# Least reversal of a turn, as a share of the largest in the motion: noise is smaller.
-REVERSAL = 0.05
+# Least reversal of a turn, as a share of the largest in the motion; the second for noisy motions.
+REVERSAL, NOISY = 0.05, 0.5
+# Least rise from a minimum to a later maximum of that correlation: 2 for a sine, 1/2 for noise.
+REPEATS = 1.0
 # A signal whose samples differ by a smaller share of the largest one is constant.
 CONSTANT = 1e-9
 # Fewest turns of an oscillation: two periods. A step has two.
@@ -72,11 +76,11 @@ class Oscillation(NamedTuple):
     growth: float
 
 
-def turns(values: Array) -> list[int]:
+def turns(values: Array, share: float = REVERSAL) -> list[int]:
     """Return the samples at which a signal turns, in the order of time."""
     # A motion may be at the torque limit from its first sample on.
     span = float(np.ptp(values)) if len(values) else 0.0
-    least = REVERSAL * span
+    least = share * span
     found: list[int] = []
     if not span > CONSTANT * float(np.abs(values).max(initial=0.0)):
         return found
@@ -97,8 +101,9 @@ def turns(values: Array) -> list[int]:
 
 def oscillation(time: Array, values: Array) -> Oscillation | None:
     """Return the oscillation of a signal, None without two periods of it."""
-    found = turns(values)
-    if len(found) < FEWEST_TURNS:
+    tried = (turns(values, share) for share in (REVERSAL, NOISY))
+    found = next((x for x in tried if len(x) >= FEWEST_TURNS and _repeats(values, x)), None)
+    if found is None:
         return None
     at, heights = time[found], values[found]
     halves = np.abs(np.diff(heights)) / 2
@@ -106,6 +111,19 @@ def oscillation(time: Array, values: Array) -> Oscillation | None:
     middle = (at[:-1] + at[1:]) / 2
     growth = float(np.polyfit(middle - middle[0], np.log(halves), 1)[0])
     return Oscillation(float(frequency), float(halves[-2:].mean()), growth)
+
+
+def _repeats(values: Array, at: list[int]) -> bool:
+    """Return whether changes over half a period are opposite half a period later, then alike.
+
+    Of noise they are uncorrelated but for the one sample that two of them share: -1/2, and then 0.
+    """
+    half = max(1, round((at[-1] - at[0]) / (len(at) - 1)))
+    change = values[half:] - values[:-half]
+    lags = range(1, min(5 * half // 2 + 2, len(change)), 1 + half // 16)
+    norms = [np.linalg.norm(change[k:]) * np.linalg.norm(change[:-k]) for k in lags]
+    alike = [change[k:] @ change[:-k] / norm for k, norm in zip(lags, norms, strict=True) if norm]
+    return bool((alike - np.minimum.accumulate(alike) > REPEATS).any())
 
 
 def divergence(time: Array, error: Array, qd: Array) -> float | None:
@@ -117,11 +135,11 @@ def divergence(time: Array, error: Array, qd: Array) -> float | None:
     return growth if growth > 0.0 else None
 
 
-def offset(time: Array, error: Array, qd: Array) -> float | None:
+def offset(time: Array, error: Array) -> float | None:
     """Return the mean error at the end of a motion, None if it changes there."""
     tail = slice(-max(2, math.ceil(TAIL * len(error))), None)
     mean = float(error[tail].mean())
-    drift = float(np.abs(qd[tail].mean()) * (time[-1] - time[0]))
+    drift = abs(float(np.polyfit(time[tail] - time[0], error[tail], 1)[0]) * (time[-1] - time[0]))
     return mean if max(np.ptp(error[tail]), drift) < STEADY * abs(mean) else None
 
 
@@ -191,9 +209,7 @@ class Samples:
             at = self.time[turns(self.speed)]
             turned = (len(at) - 1) / (2 * float(at[-1] - at[0])) if len(at) > 1 else 0.0
             least = STEADY * np.abs(self.speed).max()
-            halves = np.diff(self.time[turns(self.qd - self.speed)]) * 2 * found.frequency
-            regular = np.mean((halves > 0.5) & (halves < 2.0)) > 0.5
-            if found.frequency <= HARMONICS * turned or found.amplitude <= least or not regular:
+            if found.frequency <= HARMONICS * turned or found.amplitude <= least:
                 return None
         late = self.time > self.time[-1] - 1.0 / found.frequency
         drift = float((self.qd - self.speed)[late].mean())
@@ -265,7 +281,7 @@ def _driven_away(x: Samples) -> str:
 
 
 def _offset(x: Samples) -> str:
-    rests = None if x.target is None or x.moves else offset(x.time, x.error, x.qd)
+    rests = None if x.target is None or x.moves else offset(x.time, x.error)
     if rests is None or (x.waves and x.waves.amplitude >= STEADY * np.abs(x.qd).max()):
         return ''
     return f'rests at {x.said("position", x.q[-1])}, {x.off}{x.torque}'

@@ -345,6 +345,17 @@ def test_noise_below_a_share_of_the_motion_and_a_single_step_are_no_oscillation(
     assert oscillation(TIMES, np.exp(-5 * TIMES) * TIMES) is None
 
 
+def test_noise_is_no_oscillation_and_hides_none():
+    noise, wave = np.random.default_rng(0).normal(size=len(TIMES)), 5 * np.sin(TURN * 8 * TIMES)
+    assert oscillation(TIMES, noise) is None
+    assert oscillation(TIMES, noise + 50 * TIMES) is None
+    found = oscillation(TIMES, noise + wave)
+    # A turn is where noise makes it: half an eighth of a period off, at either end.
+    assert found is not None
+    assert found.frequency == pytest.approx(8.0, abs=0.125 / (TIMES[-1] - TIMES[0] - 0.125))
+    assert diagnosis(0.9 + 1e-4 * noise, 1.0).keys() == {'offset'}
+
+
 SINE = 0.5 * np.sin(TURN * 2.0 * TIMES)
 FAST = 0.02 * np.sin(TURN * 25 * TIMES)
 LATE = 0.5 * np.sin(TURN * 2.0 * (TIMES - 0.02))

@@ -6,9 +6,9 @@ Nothing is numbered here. An input is recorded once the engine has taken it, by 
 steps, so a recording has the order of the run.
 
 Changes of settings and payloads come through another thread. A first payload needs native code,
-which takes some tenths of a second to compile. Preparing runs the rule of the change once, without
-effect: what it compiles, the engine finds. So neither the stepping thread nor the executor waits
-for the compiler.
+which takes some tenths of a second to compile, with many outputs some seconds, and is logged.
+Preparing runs the rule of the change once, without effect: what it compiles, the engine finds. So
+neither the stepping thread nor the executor waits for the compiler.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as LateError
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 import threading
 
 from pfd_ros.arm.engine import LARGEST, Engine
@@ -82,13 +82,18 @@ class Inbox:
 class Changes:
     """Passes changes on to the arm; any thread puts them.
 
-    While one change is compiled, the oldest of very many others are dropped, see Inbox.
+    While one change is compiled, in a context `compiling()`, the oldest of very many others are
+    dropped, see Inbox.
     """
 
     def __init__(
-        self, engine: Engine, inbox: Inbox, refuse: Callable[[str, Verdict], None]
+        self,
+        engine: Engine,
+        inbox: Inbox,
+        refuse: Callable[[str, Verdict], None],
+        compiling: Callable[[], AbstractContextManager[None]],
     ) -> None:
-        self._engine, self._inbox = engine, inbox
+        self._engine, self._inbox, self._compiling = engine, inbox, compiling
         self._waiting = Inbox(refuse)
         self.wake = self._waiting.wake
         self._last: Future[Verdict] | None = None
@@ -108,5 +113,6 @@ class Changes:
         """Prepare changes until `stopped` returns True."""
         while not stopped():
             for (role, data, _), verdict in self._waiting.take(LOOK_SECONDS):
-                self._engine.prepare(role, data)
+                with self._compiling():
+                    self._engine.prepare(role, data)
                 self._inbox.put(role, data, verdict)

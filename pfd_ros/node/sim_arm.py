@@ -84,7 +84,8 @@ class SimArm:
         model = load_model(node, settings, self._threads.stop.is_set)
         settings = parameters.declare_joints(node, model.settings, model.robot)
         settings = with_scene_text(settings)
-        with compile_report(log.info, model.robot.name):
+        compiling = partial(compile_report, log.info, model.robot.name)
+        with compiling():
             frames = model.recorded_frames(settings, log.warning)
             roles = topic_roles(settings) | {events.REQUESTS, events.PARAMETERS}
             if settings.recording:
@@ -94,7 +95,7 @@ class SimArm:
             self.engine = Engine(settings, model.robot, roles, frames)
             kernels = MassKernels(self.engine)
         inbox = self.inbox = Inbox(report.count)
-        changes = self._changes = Changes(self.engine, inbox, report.count)
+        changes = self._changes = Changes(self.engine, inbox, report.count, compiling)
 
         def receive(role: str, data: bytes) -> None:
             if role == events.PAYLOAD:

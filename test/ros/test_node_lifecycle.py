@@ -483,12 +483,16 @@ def test_a_step_that_never_ends_is_logged_and_the_file_is_closed(processes, peer
     assert verify_log(processes.folder / 'arm.mcap').cycles == 200
 
 
-def test_a_node_ends_after_the_native_code_that_it_compiles(processes, peer_of):
+def test_a_node_ends_after_the_native_code_that_it_compiles_and_logs(
+    processes, peer_of, tmp_path, monkeypatch
+):
+    monkeypatch.setenv('PFD_CACHE', str(tmp_path / 'cache'))
     arm = processes.faulty('preparing_lasts', 'robot:=planar2')
     assert set_parameters(peer_of(processes), parameter('payload.mass', 1.0))[0]
     arm.wait_for_text('compiles')
     assert arm.end(INT) == 0
     assert 'has compiled' in arm.text()
+    assert arm.text().count("Compiled native code for 'planar2' in ") == 2  # at the start, too
 
 
 def test_a_callback_that_fails_is_counted_and_the_arm_still_receives(processes, peer_of):

@@ -118,16 +118,12 @@ class Recorded:
     def accepted(self, role: str) -> Array:
         """Return which messages of an input were not rejected, (N,) bool.
 
-        Of several in one cycle the log does not say which ones were: the first are taken for them.
+        A rejection follows its message in the file.
         """
         found, rejected = self.of_role(role), self.of_role(REJECTED)
-        if found is None or found.cycle is None or rejected is None or rejected.cycle is None:
+        if found is None or found.place is None or rejected is None:
             return np.ones(0 if found is None else len(found), bool)
-        of_role = [str(text).partition(' ')[0] == role for text in rejected.data]
-        cycle, bad = found.cycle, np.sort(rejected.cycle[of_role])
-        number = np.arange(len(cycle)) - np.searchsorted(cycle, cycle)
-        count = np.searchsorted(bad, cycle, 'right') - np.searchsorted(bad, cycle)
-        return np.asarray(number >= count)
+        return ~np.isin(found.place + 1, rejected.place)
 
     def accepted_times(self, role: str, words: Sequence[str] = ('',)) -> Array:
         """Return their times on the page [s], (N,); of texts, those with one of the words."""

@@ -235,10 +235,10 @@ def read_log(
         return found.setdefault(about.name, TopicReader(about, wanted, _is_ours(bag)))
 
     with damage_named(bag.path):
-        for message in bag.messages():
+        for place, message in enumerate(bag.messages()):
             topic = found.get(message.topic) or topic_of(bag.topics[message.topic])
             if span[0] <= message.log_ns < span[1]:
-                topic.add(message)
+                topic.add(message, place)
     missing = sorted(set(topics or ()) - set(bag.topics))
     if missing:
         raise ValueError(

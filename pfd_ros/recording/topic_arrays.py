@@ -70,6 +70,8 @@ class TopicArrays(Fields):
         Times of the log [ns], which do not decrease.
     cycle : ndarray of int64, (N,), or None
         In a recording of the node the cycle that took or computed the message.
+    place : ndarray of int64, (N,), or None
+        In a recording of the node the place of the message in the file, among all messages.
     simulated_ns : ndarray of int64, (N,), or None
         In a recording of the node the simulated time of that cycle [ns].
     unreadable : int
@@ -92,6 +94,7 @@ class TopicArrays(Fields):
     groups: NDArray[np.int16] = field(default_factory=lambda: np.zeros(0, np.int16), repr=False)
     lists: tuple[tuple[str, ...], ...] = field(default=(), repr=False)
     reason: str = field(default='', repr=False)
+    place: NDArray[np.int64] | None = field(default=None, repr=False)
 
     def __len__(self) -> int:
         return len(self.log_ns)
@@ -165,6 +168,7 @@ class TopicReader:
     def __init__(self, topic: BagTopic, wanted: bool, ours: bool) -> None:
         self._topic, self._wanted, self._ours = topic, wanted, ours
         self._times, self._publish_ns, self._numbers = array('q'), array('q'), array('q')
+        self._in_file = array('q')
         self._block: list[BagMessage] = []
         self._block_bytes = 0
         self._decoder: Decoder | None = None
@@ -180,8 +184,10 @@ class TopicReader:
         times = np.frombuffer(self._times, np.int64)
         return np.sort(times) if (np.diff(times) < 0).any() else times  # which takes no memory
 
-    def add(self, message: BagMessage) -> None:
-        """Take a message of the window."""
+    def add(self, message: BagMessage, place: int) -> None:
+        """Take a message of the window, at a place in the file."""
+        if self._ours:
+            self._in_file.append(place)
         self._block.append(message)
         self._block_bytes += len(message.data)
         if len(self._block) >= BLOCK_MESSAGES or self._block_bytes >= BLOCK_BYTES:
@@ -247,16 +253,18 @@ class TopicReader:
             found = {path: values[order] for path, values in found.items()}
             groups = groups[order] if len(groups) else groups
             places = places[order]
-        cycle = simulated_ns = None
+        cycle = simulated_ns = in_file = None
         # Most often all messages, whose times then take no further memory.
         chosen = slice(None) if len(places) == total and (np.diff(places) > 0).all() else places
         if self._ours:
-            publish_ns, numbers = (
-                np.frombuffer(x, np.int64) for x in (self._publish_ns, self._numbers)
+            publish_ns, numbers, in_file = (
+                np.frombuffer(x, np.int64)
+                for x in (self._publish_ns, self._numbers, self._in_file)
             )
             steps = np.diff(numbers, prepend=numbers[:1]) & SEQUENCE_MASK
             cycle = (numbers[:1] + np.cumsum(steps))[chosen] if total else numbers
             simulated_ns = (log_ns if simulated else publish_ns)[chosen]
+            in_file = in_file[chosen]
         return TopicArrays(
             found,
             self._topic.type,
@@ -268,6 +276,7 @@ class TopicReader:
             _shared(groups),
             tuple(self._lists),
             self._reason,
+            in_file,
         )
 
     @property

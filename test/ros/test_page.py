@@ -390,6 +390,13 @@ def test_the_robot_of_another_log_gives_its_limits(tmp_path):
     assert page.plots[1].title == 'velocity [rad/s]'
     bounds = page.plots[1].bounds
     assert bounds.tolist() == [(-robot.velocity_limit).tolist(), robot.velocity_limit.tolist()]
+    # Of joints that turn and slide each has its unit.
+    sliding = gripper_arm.urdf().replace('type="revolute"', 'type="prismatic"', 1)
+    moving = states(gripper_arm.ARM, TIMES)
+    moving[70][2]['velocity'][:] = 9.5, 9.5
+    bag = write_bag(tmp_path / 'b.mcap', moving)
+    found = shown(bag, robot=pfd.load_robot(sliding, locked={'finger': 0.0})).findings
+    assert [x.text.split()[2] for x in found] == ['m/s,', 'rad/s,']
 
 
 def test_limits_that_a_log_has_no_numbers_for_are_named(tmp_path):

@@ -91,11 +91,12 @@ def _limits(run: Recorded) -> Iterator[Finding]:
     for joints in (*run.joints, *run.drives):
         unit_of = run.unit if joints in run.drives else run.states_unit
         for item, (low, high) in joints.bounds.items():
-            values, unit = joints.values[item], unit_of(item, joints.names)
+            values = joints.values[item]
             out = np.isfinite(values) & ~((values > low) & (values < high))
             for j in np.flatnonzero(out.any(axis=0)):
                 first = values[int(np.argmax(out[:, j])), j]
                 bound = low[j] if first <= low[j] else high[j]
+                unit = unit_of(item, joints.names[j : j + 1])
                 text = f'{item} {first:.4g} {unit}, at or beyond its limit {bound:.4g}'
                 # Motors saturate in good runs, too.
                 severity = WARNING if item == 'effort' else BAD

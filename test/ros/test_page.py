@@ -212,9 +212,11 @@ def test_a_window_of_a_log_shows_only_what_is_in_it(tmp_path):
     assert kinds == [{'rejected input', 'failure'}, {'rejected input'}, set()]
 
 
-def test_a_second_controller_that_is_refused_hides_no_command_of_the_first(tmp_path):
+@pytest.mark.parametrize('last', [False, True])
+def test_a_second_controller_that_is_refused_hides_no_command_of_the_first(last, tmp_path):
     path = tmp_path / 'a.mcap'
-    events = {k: [efforts(1.0), efforts(0.3, 0.2)] for k in range(1, 201)}
+    both = [efforts(1.0), efforts(0.3, 0.2)]
+    events = {k: both[::-1] if last else both for k in range(1, 201)}
     simulate(path, 200, events, command_timeout=0.05, **FREE)
     page = shown(path)
     assert {(x.kind, len(x.spans)) for x in page.findings} == {('rejected input', 200)}

@@ -121,7 +121,7 @@ class Recorded:
         A rejection follows its message in the file.
         """
         found, rejected = self.of_role(role), self.of_role(REJECTED)
-        if found is None or found.place is None or rejected is None:
+        if found is None or found.place is None or rejected is None or rejected.place is None:
             return np.ones(0 if found is None else len(found), bool)
         return ~np.isin(found.place + 1, rejected.place)
 

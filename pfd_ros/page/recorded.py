@@ -121,9 +121,10 @@ class Recorded:
         A rejection follows its message in the file.
         """
         found, rejected = self.of_role(role), self.of_role(REJECTED)
-        if found is None or found.place is None or rejected is None or rejected.place is None:
+        after = None if rejected is None else rejected.place
+        if found is None or found.place is None or after is None:
             return np.ones(0 if found is None else len(found), bool)
-        return ~np.isin(found.place + 1, rejected.place)
+        return ~np.isin(found.place + 1, after)
 
     def accepted_times(self, role: str, words: Sequence[str] = ('',)) -> Array:
         """Return their times on the page [s], (N,); of texts, those with one of the words."""

@@ -216,7 +216,7 @@ def test_a_window_of_a_log_shows_only_what_is_in_it(tmp_path):
 def test_a_second_controller_that_is_refused_hides_no_command_of_the_first(last, tmp_path):
     path = tmp_path / 'a.mcap'
     both = [efforts(1.0), efforts(0.3, 0.2)]
-    events = {k: both[::-1] if last else both for k in range(1, 201)}
+    events = dict.fromkeys(range(1, 201), both[::-1] if last else both)
     simulate(path, 200, events, command_timeout=0.05, **FREE)
     page = shown(path)
     assert {(x.kind, len(x.spans)) for x in page.findings} == {('rejected input', 200)}

@@ -32,11 +32,16 @@ def session(
     if code:
         (folder / 'test_it.py').write_text(code, encoding='utf-8')
     output = folder / 'output.txt'
-    env = {**os.environ, 'PYTEST_ADDOPTS': ''}
-    job = Job('plugin_sessions', [str(site), *options, str(folder)], output, env, folder, {})
+    args = [str(site), *options, str(folder)]
+    job = Job('plugin_sessions', args, output, _environment(folder), folder, {})
     found, text = ForkedProcess(job).wait(), output.read_text(encoding='utf-8')
     assert found == status, text
     return text
+
+
+def _environment(folder: Path) -> dict[str, str]:
+    # Sessions that end together would tidy the same folder of temporary ones.
+    return {**os.environ, 'PYTEST_ADDOPTS': '', 'PYTEST_DEBUG_TEMPROOT': str(folder)}
 
 
 def main(args: list[str]) -> int:
@@ -54,7 +59,7 @@ def fresh_session(site: Path, folder: Path, code: str, options: Sequence[str], s
     done = subprocess.run(
         [sys.executable, '-W', 'error', '-m', 'pytest', *QUIET, *options, str(folder)],
         cwd=folder,
-        env={**os.environ, 'PYTHONPATH': path, 'PYTEST_ADDOPTS': ''},
+        env={**_environment(folder), 'PYTHONPATH': path},
         capture_output=True,
         text=True,
         timeout=PATIENCE,

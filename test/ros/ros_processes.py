@@ -366,7 +366,16 @@ def description_publisher(
 
 
 _FORKS = multiprocessing.get_context('forkserver')
-_FORKS.set_forkserver_preload(['pfd_ros.node.process', 'pfd_ros.cli.logs', 'pytest', __name__])
+# What nodes, sessions of pytest and pages import, also at their first use of it.
+_FORKS.set_forkserver_preload(
+    [
+        *('pfd_ros.node.process', 'pfd_ros.cli.logs', 'pfd_ros.testing.arm', 'pfd_ros.page.page'),
+        *('pfd_core.simulation.motors', 'pfd_core.model.urdf', 'rosbags.typesys.stores'),
+        *('sensor_msgs.msg', 'geometry_msgs.msg', 'trajectory_msgs.msg', 'hypothesis', 'pytest'),
+        *('type_description_interfaces.msg', 'rosidl_generator_py.import_type_support_impl'),
+        __name__,
+    ]
+)
 PR_SET_PDEATHSIG = 1
 
 

@@ -106,9 +106,9 @@ def test_the_tests_of_a_package_pass(site, folder, words, has_ros):
     ('right', 'wrong', 'failed'),
     [
         pytest.param('w**2 * (r', '-(w**2) * (r', 6, marks=SLOW, id='sign'),
-        pytest.param('w**2 * (r', '0.5 * w**2 * (r', 2, marks=SLOW, id='gain'),
+        pytest.param('w**2 * (r', '0.5 * w**2 * (r', 2, id='gain'),
         pytest.param('2 * w * (dr', '0.0 * (dr', 2, marks=SLOW, id='damping'),
-        pytest.param('scene=SCENE)', f'scene={WITHOUT_GRAVITY})', 5, id='gravity'),
+        pytest.param('scene=SCENE)', f'scene={WITHOUT_GRAVITY})', 5, marks=SLOW, id='gravity'),
     ],
 )
 def test_a_fault_of_the_law_fails_tests_and_is_on_their_pages(site, folder, right, wrong, failed):
@@ -139,7 +139,7 @@ def test_an_arm_that_gravity_nearly_overloads_is_taken_with_a_note(site, folder,
     package = init('--urdf', talos, '--tip', advice[1])
     assert re.search("note: joint 'arm_left_2_joint' is nearly too weak", capsys.readouterr().out)
     # Its friction is more than half of what the law answers to a large error.
-    assert '6 passed' in session(site, package, options=['-k', 'not node'])
+    assert '3 passed' in session(site, package, options=['-k', 'tracks or friction or torques'])
 
 
 def test_each_value_has_its_source_and_is_that_of_the_model(folder):
@@ -441,6 +441,7 @@ def test_the_steps_of_the_action_install_test_and_keep_pages(folder):
     environment = {
         **os.environ,
         'PATH': f'{folder / "env" / "bin"}:{os.environ["PATH"]}',
+        'PIP_NO_COMPILE': '1',
         'PIP_NO_DEPS': '1',
         'PIP_NO_BUILD_ISOLATION': '1',
         'RUNNER_TEMP': str(home),

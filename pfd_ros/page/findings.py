@@ -93,6 +93,10 @@ def _limits(run: Recorded) -> Iterator[Finding]:
         for item, (low, high) in joints.bounds.items():
             values = joints.values[item]
             out = np.isfinite(values) & ~((values > low) & (values < high))
+            if item == 'position':  # a joint that begins at a limit has not reached it yet
+                start = values[:1]
+                began = np.logical_and.accumulate(values == start)
+                out &= ~(began & ((start == low) | (start == high)))
             for j in np.flatnonzero(out.any(axis=0)):
                 first = values[int(np.argmax(out[:, j])), j]
                 bound = low[j] if first <= low[j] else high[j]

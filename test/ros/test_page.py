@@ -187,6 +187,17 @@ def test_a_run_without_faults_says_so_and_lists_the_checks(tmp_path):
         assert re.search(f'Checked: [^.]*{check}', page.html), check
 
 
+def test_a_joint_that_begins_at_its_limit_reaches_it_when_it_comes_back(tmp_path):
+    robot = pfd.load_robot('ur5')
+    rows = states(UR5, TIMES)
+    for k, (_, _, given) in enumerate(rows):
+        given['position'][0] = robot.position_lower[0] + (0.1 if 10 <= k < 150 else 0.0)
+        given['position'][1] = robot.position_upper[1] + 1e-6
+    page = shown(write_bag(tmp_path / 'a.mcap', rows), robot=robot)
+    found = [(x.joint, x.time) for x in page.findings if x.kind == 'position limit']
+    assert found == [(UR5[1], 0.0), (UR5[0], pytest.approx(1.5))]
+
+
 def test_the_end_of_a_controller_is_no_fault(tmp_path):
     path = tmp_path / 'a.mcap'
     # The arm swings under gravity with its last efforts, until the watchdog brakes it.

@@ -256,7 +256,7 @@ def instant(robot: pfd.Robot, scene: pfd.Scene, q: Array, qd: Array, tau: Array)
 
 
 # Joints, and those of them without friction.
-REST = [(4, ()), (4, (0, 2)), *(pytest.param(n, (), marks=pytest.mark.slow) for n in (1, 2, 7))]
+REST = [(3, ()), (3, (0, 2)), *(pytest.param(n, (), marks=pytest.mark.slow) for n in (1, 2, 7))]
 
 
 @pytest.mark.parametrize(('n', 'smooth'), REST)
@@ -313,59 +313,6 @@ def test_an_arm_under_a_steady_or_shaking_torque_below_its_friction_does_not_cre
         assert (run.q == q).all()
         assert (run.qd == 0.0).all()
         assert (run.qdd == 0.0).all()
-
-
-@pytest.mark.parametrize(
-    ('integrator', 'dtype', 'brakes'),
-    [
-        ('rk4', 'float64', False),
-        ('rk4', 'float32', True),
-        ('velocity_verlet', 'float64', True),
-        ('imex2', 'float64', True),
-    ],
-)
-@pytest.mark.slow
-def test_an_arm_moves_by_the_same_bits_alone_step_by_step_and_in_an_ensemble(
-    integrator: str, dtype: str, brakes: bool
-) -> None:
-    rng = np.random.default_rng(7)
-    robot, n = random_chain(rng, 3, 0.0), 3
-    scene = pfd.Scene(
-        friction=rng.uniform(0.5, 3, n),
-        static_friction=[4.0] * n,
-        stribeck_velocity=[0.1] * n,
-        load_friction=[0.05, 0.1, 0.02],
-        joint_limits=[[-1.0, 1.0]] * n,
-        restitution=0.5,
-        brakes=brakes,
-        external_wrench=True,
-        damping=[0.05] * n,
-        armature=[0.1] * n,
-        motor_lag=[0.01, 0.0, 0.02],
-    )
-    settings = {'step_size': 2e-3, 'dtype': dtype, 'integrator': integrator}
-    held = {'brakes': np.arange(n) == 1} if brakes else {}
-    q, qd = rng.uniform(-0.9, 0.9, (11, n)), rng.normal(0, 3, (11, n))
-    qd[::3] = 0.0
-    taus = rng.normal(0, 8, (11, 300, n))
-    wrench = rng.normal(0, 5, 6)
-    arms = pfd.Ensemble(robot, 11, scene, **settings)
-    arms.reset(q, qd)
-    many = arms.rollout(taus, wrench=wrench, threads=2, **held)
-    assert (many.finite_steps == 300).all()
-    assert (many.qd == 0).any(axis=(1, 2)).sum() > 8
-    for k in range(11):
-        alone = pfd.Simulator(robot, scene, **settings)
-        alone.reset(q[k], qd[k])
-        run = alone.rollout(taus[k], wrench=wrench, **held)
-        for name in ('q', 'qd', 'qdd'):
-            np.testing.assert_array_equal(getattr(run, name), getattr(many, name)[k], name)
-    stepped = pfd.Simulator(robot, scene, **settings)
-    stepped.reset(q[10], qd[10])
-    for tau in taus[10]:
-        stepped.step(tau, wrench, **held)
-    np.testing.assert_array_equal(stepped.q, run.q[-1])
-    np.testing.assert_array_equal(stepped.qdd, run.qdd[-1])
 
 
 @pytest.mark.parametrize('integrator', pfd.INTEGRATORS)
@@ -480,7 +427,7 @@ def test_integrators_keep_their_order_through_the_events_of_random_scenes(seed: 
 @pytest.mark.parametrize(
     ('seeds', 'starts'),
     [
-        (range(2), 3),
+        ([0], 3),
         *(pytest.param([seed], 20, marks=pytest.mark.long) for seed in range(100, 150)),
     ],
 )
@@ -514,18 +461,18 @@ def ranged(*ranges: tuple[float, float]) -> pfd.Robot:
 
 
 # 0 is inside, below, above, at an end, and outside an end without another one.
-RANGES = (-1.0, 2.0), (0.5, 4.5), (-3.0, -1.0), (0.0, 1.0), (0.25, np.inf), (-np.inf, -2.0)
-INSIDE = [0.0, 2.5, -2.0, 0.0, 0.25, -2.0]
+RANGES = (-0.3, 0.1), (0.1, 4.9), (-3.0, -1.0), (0.0, 1.0), (0.25, np.inf), (-np.inf, -2.0)
+INSIDE = [0.0, 0.1 + (4.9 - 0.1) / 2, -2.0, 0.0, 0.25, -2.0]
 STOPS = pfd.Scene(joint_limits='model', gravity=None)
 
 
 def test_an_arm_starts_at_zero_or_in_the_middle_of_ranges_that_exclude_it() -> None:
     np.testing.assert_array_equal(pfd.start_positions(ranged(*RANGES)), INSIDE)
-    robot, inside = ranged(*RANGES[1:3]), INSIDE[1:3]
+    robot, inside = ranged(*RANGES[:2]), INSIDE[:2]
     for arm in (pfd.Simulator(robot, STOPS), pfd.Ensemble(robot, 3, STOPS)):
         for _ in range(2):
             np.testing.assert_array_equal(arm.q, np.broadcast_to(inside, arm.q.shape))
-            arm.reset([0.6, -1.4])
+            arm.reset([0.05, 1.4])
             arm.reset()
     run = pfd.integrate(robot, np.zeros(robot.n), 0.01, scene=STOPS)
     np.testing.assert_array_equal(run.q[0], inside)
@@ -542,7 +489,7 @@ def test_an_included_arm_starts_inside_its_stops_and_is_at_none(name: str) -> No
 @pytest.mark.parametrize('beyond', [-0.5, 5.0])
 def test_a_state_outside_the_stops_is_said_with_a_position_that_lies_inside(beyond: float) -> None:
     robot = ranged(*RANGES[:2])
-    named = rf"'j1'.* at {beyond:g}, its stops at 0.5 and 4.5: set it to 2.5"
+    named = rf"'j1'.* at {beyond:g}, its stops at 0.1 and 4.9: set it to 2.5"
     sim = pfd.Simulator(robot, STOPS)
     with pytest.warns(pfd.PhysicsWarning, match=named):
         sim.reset([0.0, beyond])
@@ -550,7 +497,7 @@ def test_a_state_outside_the_stops_is_said_with_a_position_that_lies_inside(beyo
     with pytest.warns(pfd.PhysicsWarning, match=named):
         pfd.integrate(robot, [0.0, 0.0], 0.001, scene=STOPS, q=[0.0, beyond])
     arms = pfd.Ensemble(robot, 4, STOPS)
-    states = np.tile([0.0, 2.5], (4, 1))
+    states = np.tile(INSIDE[:2], (4, 1))
     states[2:, 1] = beyond
     with pytest.warns(pfd.PhysicsWarning, match=r'arm 2 \(2 of 4 arms\) is at'):
         arms.reset(states)
@@ -558,7 +505,7 @@ def test_a_state_outside_the_stops_is_said_with_a_position_that_lies_inside(beyo
 
 
 def test_a_state_at_a_stop_in_either_format_is_not_outside_it() -> None:
-    robot = ranged((-0.3, 0.1), (0.1, 4.7))
+    robot = ranged(*RANGES[:2])
     for dtype in ('float32', 'float64'):
         sim = pfd.Simulator(robot, STOPS, dtype=dtype)
         for q in (robot.position_lower, robot.position_upper):

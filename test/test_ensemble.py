@@ -16,12 +16,14 @@ import pfd_core as pfd
 STEPS = 7
 
 
-def sequences(n: int, size: int, dtype: str = 'float64') -> tuple[np.ndarray, ...]:
-    """Return positions and velocities, (size, n), and torques, (size, STEPS, n)."""
+def sequences(
+    n: int, size: int, dtype: str = 'float64', steps: int = STEPS
+) -> tuple[np.ndarray, ...]:
+    """Return positions and velocities, (size, n), and torques, (size, steps, n)."""
     rng = np.random.default_rng(81)
     rows = [random_state(rng, n) for _ in range(size)]
     q, qd = (np.array([row[k] for row in rows], dtype) for k in range(2))
-    return q, qd, rng.uniform(-5, 5, (size, STEPS, n)).astype(dtype)
+    return q, qd, rng.uniform(-5, 5, (size, steps, n)).astype(dtype)
 
 
 def assert_same(runs: pfd.Trajectory, b: int, alone: pfd.Trajectory) -> None:
@@ -30,34 +32,67 @@ def assert_same(runs: pfd.Trajectory, b: int, alone: pfd.Trajectory) -> None:
     np.testing.assert_array_equal(runs.time, alone.time)
 
 
+SCENES = {
+    'smooth': pfd.Scene(damping=[20.0, 10.0], external_wrench=True, brakes=True),
+    'events': pfd.Scene(
+        friction=[1.0, 0.5],
+        static_friction=[4.0, 4.0],
+        stribeck_velocity=[0.1, 0.1],
+        load_friction=[0.05, 0.1],
+        joint_limits=[[-1.0, 1.0]] * 2,
+        restitution=0.5,
+        damping=[0.05, 0.05],
+        armature=[0.1, 0.1],
+        motor_lag=[0.01, 0.0],
+        external_wrench=True,
+        brakes=True,
+    ),
+}
+
+
 @pytest.mark.usefixtures('small_blocks')
-@pytest.mark.parametrize('dtype', one_fast(['float64', 'float32']))
+@pytest.mark.sweep
+@pytest.mark.parametrize('dtype', ['float64', 'float32'])
 @pytest.mark.parametrize('integrator', pfd.INTEGRATORS)
-@pytest.mark.parametrize('size', one_fast([1, 19], 19))
-def test_every_arm_moves_as_it_would_alone(size: int, integrator: str, dtype: str) -> None:
-    robot = pfd.load_robot('planar2')
-    options = {'integrator': integrator, 'dtype': dtype, 'substeps': 3}
-    options['scene'] = pfd.Scene(damping=[20.0, 10.0], external_wrench=True, brakes=True)
+@pytest.mark.parametrize('size', [1, 19])
+@pytest.mark.parametrize('scene', SCENES)
+def test_every_arm_moves_by_the_bits_of_one_alone_in_a_rollout_or_step_by_step(
+    scene: str, size: int, integrator: str, dtype: str
+) -> None:
+    robot, steps = pfd.load_robot('planar2'), 60
+    options: dict[str, Any] = {'integrator': integrator, 'dtype': dtype, 'substeps': 3}
+    options |= {'scene': SCENES[scene], 'step_size': 4e-3}
     many, one = pfd.Ensemble(robot, size, **options), pfd.Simulator(robot, **options)
-    q, qd, taus = sequences(2, size, dtype)
+    q, qd, taus = sequences(2, size, dtype, steps)
+    q = q / 4  # within the stops
     rng = np.random.default_rng(82)
     wrench, brakes = rng.normal(size=(size, 6)).astype(dtype), rng.random((size, 2)) < 0.4
     many.reset(q, qd, time=1.5)
     runs = many.rollout(taus, wrench=wrench, brakes=brakes, threads=3)
     assert runs.status == 'ok'
-    np.testing.assert_array_equal(runs.finite_steps, STEPS)
+    np.testing.assert_array_equal(runs.finite_steps, steps)
+    moving = ~brakes & (runs.qd == 0).any(axis=1)
+    assert moving.any() == (scene == 'events' and size > 1)
     for b in range(size):
         one.reset(q[b], qd[b], time=1.5)
         alone = one.rollout(taus[b], wrench[b], brakes=brakes[b])
         assert_same(runs, b, alone)
     for name in ('q', 'qd', 'qdd'):
         np.testing.assert_array_equal(getattr(many, name), getattr(runs, name)[:, -1])
-    assert many.time == one.time
+    # Time is no sum, which would drift.
+    assert many.time == one.time == 1.5 + steps * one.step_size
+    one.reset(q[-1], qd[-1], time=1.5)
+    for k, tau in enumerate(taus[-1]):
+        one.step(tau, wrench[-1], brakes=brakes[-1])
+        for name in ('q', 'qd', 'qdd', 'time'):
+            np.testing.assert_array_equal(getattr(one, name), getattr(alone, name)[k])
     # Inputs that all arms share are broadcast.
     many.reset(q[-1], qd[-1], time=1.5)
     runs = many.rollout(taus[-1], wrench=wrench[-1], brakes=brakes[-1])
     for b in range(size):
         assert_same(runs, b, alone)
+    one.reset(q[0], time=2.0)
+    assert (one.q.tolist(), one.qd.any(), one.time) == (q[0].tolist(), False, 2.0)
 
 
 @pytest.mark.parametrize('dtype', one_fast(['float64', 'float32']))
@@ -130,8 +165,8 @@ def test_an_arm_that_overflows_is_reported_and_does_not_affect_the_others() -> N
 
 
 MANY_STEPS = 60
-# A register of arms and a tail, and one of each.
-SIZE, SOME = 11, (0, 10)
+# A register of arms and a tail, and an arm of the tail, which is in the register in reverse order.
+SIZE, ONE = 11, 10
 # Numbers that are known are folded with others before they are rounded, and a link's grouped
 # numbers are sums in another order: a few roundings a step, amplified by the motion.
 ROUNDING = 1e-12
@@ -197,13 +232,17 @@ def test_each_arm_has_the_bits_of_a_simulator_with_its_numbers(
 ) -> None:
     robot = pfd.load_robot('planar2')
     given = {name: numbers[name] for name in names}
-    many = pfd.Ensemble(robot, SIZE, pfd.Scene(**effects), parameters=given, integrator=integrator)
-    q, qd, taus = motion(2)
-    found = moved(many, q, qd, taus)
-    for b in SOME:
-        scene = pfd.Scene(**effects, **{name: x[b] for name, x in given.items()})
-        one = pfd.Simulator(robot, scene, integrator=integrator)
-        np.testing.assert_array_equal(found[:, b], moved(one, q[b], qd[b], taus[b]))
+    scene = pfd.Scene(**effects, **{name: x[ONE] for name, x in given.items()})
+    one = pfd.Simulator(robot, scene, integrator=integrator)
+    states = motion(2)
+    alone = moved(one, *(x[ONE] for x in states))
+    for order in (1, -1):
+        parameters = {name: x[::order] for name, x in given.items()}
+        many = pfd.Ensemble(
+            robot, SIZE, pfd.Scene(**effects), parameters=parameters, integrator=integrator
+        )
+        found = moved(many, *(x[::order] for x in states))[:, ::order]
+        np.testing.assert_array_equal(found[:, ONE], alone)
 
 
 def scaled(values: Array, low: float = 0.7, high: float = 1.4) -> Array:
@@ -254,15 +293,14 @@ def test_each_arm_moves_as_a_simulator_with_its_bodies(names: list[str], refine:
     many = pfd.Ensemble(CHAIN, SIZE, scene, parameters=given, integrator='rk4', refine=refine)
     q, qd, taus = motion(3)
     found = moved(many, q, qd, taus)
-    for b in SOME:
-        robot, payload = arm_of(CHAIN, given, b)
-        own = replace(scene, payload=payload)
-        if 'gravity' in given:
-            own = replace(own, gravity=given['gravity'][b])
-        one = pfd.Simulator(robot, own, integrator='rk4', refine=refine)
-        wanted = moved(one, q[b], qd[b], taus[b])
-        for row, right in zip(found[:, b], wanted, strict=True):
-            np.testing.assert_allclose(row, right, rtol=0, atol=ROUNDING * np.abs(right).max())
+    robot, payload = arm_of(CHAIN, given, ONE)
+    own = replace(scene, payload=payload)
+    if 'gravity' in given:
+        own = replace(own, gravity=given['gravity'][ONE])
+    one = pfd.Simulator(robot, own, integrator='rk4', refine=refine)
+    wanted = moved(one, q[ONE], qd[ONE], taus[ONE])
+    for row, right in zip(found[:, ONE], wanted, strict=True):
+        np.testing.assert_allclose(row, right, rtol=0, atol=ROUNDING * np.abs(right).max())
 
 
 @pytest.mark.usefixtures('folder')

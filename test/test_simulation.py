@@ -44,29 +44,6 @@ def energies(robot: pfd.Robot, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarra
     return np.array(kinetic), np.array(potential)
 
 
-@pytest.mark.parametrize('integrator', INTEGRATORS)
-@pytest.mark.parametrize('dtype', one_fast(['float64', 'float32']))
-def test_steps_and_rollout_give_the_same_bits(integrator: str, dtype: str) -> None:
-    robot = pfd.load_robot('puma560')
-    taus = np.random.default_rng(1).normal(size=(50, 6)).astype(dtype) * 10
-    make = partial(pfd.Simulator, robot, integrator=integrator, dtype=dtype, substeps=3)
-    one, other = make(), make()
-    trajectory = one.rollout(taus)
-    for k, tau in enumerate(taus):
-        other.step(tau)
-        np.testing.assert_array_equal(other.q, trajectory.q[k])
-        np.testing.assert_array_equal(other.qd, trajectory.qd[k])
-        np.testing.assert_array_equal(other.qdd, trajectory.qdd[k])
-        assert other.time == trajectory.time[k]
-    np.testing.assert_array_equal(one.q, other.q)
-    assert trajectory.status == one.status == 'ok'
-    assert trajectory.finite_steps == 50
-    # Time is no sum, which would drift.
-    assert one.time == 50 * one.step_size
-    one.reset(q=np.arange(6) / 8, time=2.0)
-    assert (one.q.tolist(), one.qd.any(), one.time) == ([k / 8 for k in range(6)], False, 2.0)
-
-
 @pytest.mark.parametrize(('integrator', 'q0', 'seconds', 'most'), ENERGY_DRIFT)
 def test_the_energy_of_the_two_link_arm_stays(
     integrator: str, q0: list[float], seconds: int, most: float
@@ -156,11 +133,11 @@ def test_a_sampled_loop_is_the_closed_form_of_the_hold(
 
 # ---- a small velocity of a held joint ---------------------------------------------------------
 
-STATES, SCENES, SMALL = 25, 3, 1e-4
+STATES, SMALL = 25, 1e-4
 ARMATURE = np.array([0.8, 4.0, 0.8])
 
 
-@pytest.mark.parametrize('seed', range(SCENES))
+@pytest.mark.parametrize('seed', one_fast(range(3)))
 def test_a_small_velocity_of_a_held_joint_changes_the_end_of_an_implicit_step_little(
     seed: int,
 ) -> None:

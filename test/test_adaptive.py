@@ -81,9 +81,9 @@ def test_a_pendulum_swings_as_in_its_closed_form_between_the_steps_too(rtol: flo
 
 def test_a_torque_law_of_time_and_state_moves_an_arm_as_it_was_computed_to() -> None:
     # The torque that the accelerations of 0.3 + cos(w t) need in the state of the moment.
-    robot = random_chain(np.random.default_rng(4), 6)
-    w = np.arange(1.0, 7.0)
-    q0 = 0.3 + np.ones(6)
+    robot = random_chain(np.random.default_rng(4), 3)
+    w = np.arange(1.0, 4.0)
+    q0 = 0.3 + np.ones(3)
 
     def law(t: float, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         return pfd.inverse_dynamics(robot, q, qd, -(w**2) * np.cos(w * t))
@@ -213,7 +213,7 @@ def test_the_true_error_through_friction_and_stops_is_within_ten_tolerances(seed
     wanted = np.concatenate([other.q, other.v])
     assert other.events
     assert not other.ambiguous
-    for rtol in TOLERANCES:
+    for rtol in TOLERANCES[::2]:
         run = pfd.integrate(
             case.robot, case.tau, 0.05, scene=scene, q=q, qd=qd, rtol=rtol, atol=rtol
         )
@@ -352,22 +352,22 @@ def bounced(q: float, t: float) -> float:
 
 
 def test_motors_brakes_and_wrench_act_in_a_scene_with_events_as_in_the_simulator() -> None:
-    robot = random_chain(np.random.default_rng(8), 3)
+    robot = random_chain(np.random.default_rng(8), 2)
     settings: dict[str, Any] = {
-        'friction': [0.3, 0.3, 0.3],
-        'static_friction': [0.5, 0.5, 0.5],
-        'stribeck_velocity': [0.1, 0.1, 0.1],
-        'joint_limits': [[-1, 1]] * 3,
+        'friction': [0.3, 0.3],
+        'static_friction': [0.5, 0.5],
+        'stribeck_velocity': [0.1, 0.1],
+        'joint_limits': [[-1, 1]] * 2,
         'restitution': 0.5,
-        'effort_limits': [4.0] * 3,
+        'effort_limits': [4.0] * 2,
         'gravity_compensation': True,
-        'armature': [0.1] * 3,
+        'armature': [0.1] * 2,
         'external_wrench': True,
         'brakes': True,
     }
     scene = pfd.Scene(**settings)
-    held = {'wrench': [1.0, 2.0, 3.0, 0.1, 0.2, 0.3], 'brakes': [False, True, False]}
-    torque, duration = np.array([5.0, 0.0, -3.0]), 0.5
+    held = {'wrench': [1.0, 2.0, 3.0, 0.1, 0.2, 0.3], 'brakes': [False, True]}
+    torque, duration = np.array([5.0, -3.0]), 0.5
     run = pfd.integrate(robot, torque, duration, scene=scene, rtol=1e-11, **held)
     assert run.events.size
     sim = pfd.Simulator(robot, scene, step_size=1e-4, substeps=1, integrator='rk4')
@@ -386,13 +386,12 @@ def test_a_motor_lag_is_refused() -> None:
 
 @pytest.mark.slow
 def test_a_motion_that_stability_cuts_into_too_many_steps_is_too_stiff() -> None:
-    scene = pfd.Scene(damping=np.full(6, 100.0))
-    run = pfd.integrate(
-        pfd.load_robot('puma560'), np.zeros(6), 10.0, scene=scene, rtol=1e-6, max_steps=2000
-    )
+    robot = pfd.load_robot('planar2')
+    scene = pfd.Scene(damping=[1e4, 1e4])
+    run = pfd.integrate(robot, [0, 0], 10.0, scene=scene, rtol=1e-6, max_steps=2000)
     assert run.status == 'too_stiff'
     assert run.stiff_steps > run.finite_steps / 2
-    smooth = pfd.integrate(pfd.load_robot('puma560'), np.zeros(6), 10.0, max_steps=20)
+    smooth = pfd.integrate(robot, [0, 0], 10.0, max_steps=20)
     assert (smooth.status, smooth.stiff_steps) == ('too_many_steps', 0)
 
 

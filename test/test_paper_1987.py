@@ -261,7 +261,10 @@ def test_pcgm_of_1987_has_its_closed_forms(n: int, square: bool, literal: bool) 
 
 @pytest.mark.sweep
 @pytest.mark.parametrize('square', [False, True])
-@pytest.mark.parametrize('n', range(2, 17))
+@pytest.mark.parametrize(
+    'n',
+    [pytest.param(n, marks=[pytest.mark.slow] * (n not in (2, 3, 4, 7, 9))) for n in range(2, 17)],
+)
 def test_pcrbm_with_the_array_takes_its_cycles_for_the_factorisation(n: int, square: bool) -> None:
     # A cycle is a multiplication or a division, and an addition if a cell subtracts: in P_21 from
     # cycle 4 as printed and 3 corrected, in row n to the cycle before the last root.

@@ -41,7 +41,7 @@ def command(*arguments: object) -> list[str]:
 @pytest.mark.skipif(not hasattr(os, 'fork'), reason='needs fork')
 @pytest.mark.slow
 @pytest.mark.timeout(FORKING_PATIENCE)
-@pytest.mark.parametrize(('processes', 'children'), [(1, 3), pytest.param(12, 12, marks=MANY)])
+@pytest.mark.parametrize(('processes', 'children'), [(1, 2), pytest.param(12, 12, marks=MANY)])
 @pytest.mark.parametrize('work', WORK)
 def test_a_child_forked_while_threads_compile_computes_too(
     work: str, processes: int, children: int
@@ -317,7 +317,7 @@ def test_the_smallest_quota_of_all_cgroups_and_the_affinity_bound_the_cores(
 
 
 # Compilations before memory is measured: caches of Python, NumPy and the allocator are full then.
-WARM_UP = 30
+WARM_UP = 20
 
 
 # Growth of the resident memory for each compilation [B]: pages that the allocator has fragmented.
@@ -376,6 +376,6 @@ def growth(count: int) -> float:
 
 @pytest.mark.skipif(not Path('/proc/self/statm').exists(), reason='needs /proc')
 @pytest.mark.timeout(LONGEST_GROWTH)
-@pytest.mark.parametrize('count', [25, pytest.param(1000, marks=pytest.mark.long)])
+@pytest.mark.parametrize('count', [15, pytest.param(1000, marks=pytest.mark.long)])
 def test_a_compilation_keeps_no_memory(count: int) -> None:
     assert growth(count) <= GROWTH

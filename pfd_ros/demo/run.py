@@ -161,8 +161,7 @@ def _results(base: Path, robot: pfd.Robot, seconds: float) -> Iterator[str]:
     if not found.complete:
         yield 'the recording was not closed'
     log = read_log(path, types=TYPES)
-    topics = {role: topic for topic, role in log.roles.items()}
-    states = topics[STATES]
+    states = log.topic_of(STATES)
     if len(log[states]) < 2:
         yield 'the recording has no states'
         return

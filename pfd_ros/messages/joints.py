@@ -4,12 +4,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+import pfd_core as pfd
 from pfd_ros.messages.cdr import Encoder, Reader, Writer
 
 # Units of the arrays, of a joint that turns or slides.
@@ -21,10 +22,11 @@ JOINT_UNITS = {
 JOINT_FIELDS = tuple(JOINT_UNITS)
 
 
-def unit_of(item: str, types: Iterable[str]) -> str:
-    """Return the unit of an item for joints of some types; both if mixed or without any."""
+def unit_of(item: str, robot: pfd.Robot | None, names: Collection[str]) -> str:
+    """Return the unit of an item for joints of a robot; both if mixed, or if it has none."""
     turns, slides = JOINT_UNITS[item]
-    found = {slides if kind == 'prismatic' else turns for kind in types}
+    known = () if robot is None else zip(robot.joint_names, robot.joint_types, strict=True)
+    found = {slides if kind == 'prismatic' else turns for name, kind in known if name in names}
     return found.pop() if len(found) == 1 else f'{turns} or {slides}'
 
 

@@ -195,12 +195,12 @@ def _points(run: Recorded) -> Iterator[Plot]:
         values = np.stack([column.max(axis=1) for column in columns], axis=1)
         values[np.isinf(values)] = np.nan
         title = f'commanded points of {item} [{run.unit(item, labels)}]'
-        yield Plot(title, run.topic_of(TRAJECTORY), labels, time[acts], values)
+        yield Plot(title, run.log.topic_of(TRAJECTORY), labels, time[acts], values)
 
 
 def _of_topics(run: Recorded) -> Iterator[Plot]:
     roles = run.log.roles
-    for topic, found in run.of_type(JOINT_STATE):
+    for topic, found in run.log.of_type(JOINT_STATE).items():
         role = roles.get(topic, '')
         if topic == run.topic or role == SET_STATE:
             continue
@@ -216,7 +216,7 @@ def _of_topics(run: Recorded) -> Iterator[Plot]:
                 sampled = run.times(found)[rows], values[:, there]
                 time, values = _held(run, *sampled) if role == NAMED else sampled
                 yield Plot(title, topic, names, time, values, stepped=command)
-    for topic, found in run.of_type(FLOAT_ARRAY):
+    for topic, found in run.log.of_type(FLOAT_ARRAY).items():
         values, role = found.arrays['data'], roles.get(topic, '')
         width = values.shape[1] if values.ndim == 2 else 0
         if not 0 < width <= MOST_COLUMNS:

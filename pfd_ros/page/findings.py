@@ -217,7 +217,7 @@ def _diagnostics(run: Recorded) -> Iterator[Finding]:
     """Yield what warnings and errors say, once for texts that differ in their numbers alone."""
     rows: list[tuple[tuple[str, str], float]] = []
     first: dict[str, str] = {}
-    for _, found in run.of_type(DIAGNOSTICS):
+    for found in run.log.of_type(DIAGNOSTICS).values():
         level, name, text = (found.arrays[f'status.{x}'] for x in ('level', 'name', 'message'))
         times = run.times(found)
         for k, j in np.argwhere(np.nan_to_num(level.astype(float)) >= 1):
@@ -237,7 +237,7 @@ def _events(run: Recorded) -> Iterator[Finding]:
         if found is not None:
             texts = [''] * len(found) if role == SET_STATE else found.data
             rows += [(f'{what} {x}', t) for x, t in zip(texts, run.times(found), strict=True)]
-    for _, found in run.of_type(TRANSITION):
+    for found in run.log.of_type(TRANSITION).values():
         states = zip(found['start_state.label'], found['goal_state.label'], strict=True)
         texts = [f'lifecycle: {start} to {goal}' for start, goal in states]
         rows += zip(texts, run.times(found), strict=True)
@@ -252,10 +252,6 @@ def _events(run: Recorded) -> Iterator[Finding]:
 
 def _without_states(run: Recorded) -> str:
     return '' if run.joints else 'no joint states'
-
-
-def _without_diagnostics(run: Recorded) -> str:
-    return '' if next(run.of_type(DIAGNOSTICS), None) else 'none recorded'
 
 
 Check = Callable[[Recorded], Iterator[Finding]]
@@ -273,7 +269,10 @@ CHECKS: dict[str, tuple[Check, Callable[[Recorded], str]]] = {
         lambda run: '' if run.settings.get('command_timeout') else 'no command_timeout',
     ),
     'failure of the simulation': (_failure, lambda run: '' if _totals(run) else 'no end record'),
-    'diagnostics': (_diagnostics, _without_diagnostics),
+    'diagnostics': (
+        _diagnostics,
+        lambda run: '' if run.log.of_type(DIAGNOSTICS) else 'none recorded',
+    ),
     'events': (_events, lambda run: ''),
 }
 

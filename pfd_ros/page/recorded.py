@@ -79,21 +79,20 @@ class Recorded:
         self.log, self.robot = log, log.robot or robot
         self.settings: Mapping[str, Any] = log.settings or {}
         # Lines on what cannot be read, and on what else a reader should know.
-        self.unreadable: dict[str, None] = {}
+        self.unreadable: dict[str, None] = dict.fromkeys(log.lost(log))
         self.notes: dict[str, None] = {}
-        self._read = {topic: found for topic in log if (found := self._topic(topic)) is not None}
+        self.of_role, found = log.of_role, log.of_type()
         if log.settings is None and self.robot is None:
             self.robot = self._described()
-        self._by_role = {role: topic for topic, role in log.roles.items() if topic in self._read}
         # The topic of the joint states, '' if none can be read.
         self.topic = self._states_topic() if topic is None else topic
         if topic is not None:
             log.required(topic, JOINT_STATE)
-        states = self._read.get(self.topic)
+        states = found.get(self.topic)
         self._axis_ns = self._logged_ns = np.empty(0, np.int64)
         if states is not None:
             self._axis_ns, self._logged_ns = self._stamps_of(states), states.log_ns
-        logged = ((x.log_ns, x.simulated_ns) for x in self._read.values())
+        logged = ((x.log_ns, x.simulated_ns) for x in found.values())
         every = [int((log if ns is None else ns)[0]) for log, ns in logged]
         first = int(self._axis_ns[0] if states is not None else min(every, default=0))
         self.origin_ns = first if first > LATEST_START else 0
@@ -104,16 +103,6 @@ class Recorded:
         self.drives: tuple[Joints, ...] = ()
         if self.settings.get('state_effort', COMMAND) != COMMAND:
             self.drives = tuple(self._commanded_efforts())
-
-    def _topic(self, topic: str) -> TopicArrays | None:
-        """Return the messages of a topic, None without any; note what cannot be read."""
-        self.unreadable |= dict.fromkeys(self.log.lost([topic]))
-        found = None if self.log.obstacle(topic) else self.log[topic]
-        return found if found is not None and len(found) else None
-
-    def of_role(self, role: str) -> TopicArrays | None:
-        """Return the messages of a role in a recording of ours, None without any."""
-        return self._read.get(self._by_role.get(role, ''))
 
     def accepted(self, role: str) -> Array:
         """Return which messages of an input were not rejected, (N,) bool.
@@ -136,14 +125,6 @@ class Recorded:
             chosen = chosen & [any(word in str(text) for word in words) for text in found.data]
         times: Array = self.times(found)[chosen]
         return times
-
-    def topic_of(self, role: str) -> str:
-        """Return the topic of a role in a recording of ours, '' without messages."""
-        return self._by_role.get(role, '')
-
-    def of_type(self, kind: str) -> Iterator[tuple[str, TopicArrays]]:
-        """Yield the topics of a type that have messages."""
-        return ((topic, x) for topic, x in self._read.items() if self.log.topics[topic] == kind)
 
     def _on_axis(self, found: TopicArrays) -> bool:
         """Return whether messages have stamps of the clock of the states."""
@@ -204,22 +185,17 @@ class Recorded:
 
     def unit(self, item: str, names: tuple[str, ...]) -> str:
         """Return the unit of the position, velocity or effort of joints."""
-        robot = self.robot
-        known = ((), ()) if robot is None else (robot.joint_names, robot.joint_types)
-        kinds = dict(zip(*known, strict=True))
-        return unit_of(item, (kinds[x] for x in names if x in kinds))
+        return unit_of(item, self.robot, names)
 
     def states_unit(self, item: str, names: tuple[str, ...]) -> str:
         """Return the same for the states of the log, whose efforts may be currents."""
-        return 'A' if item == 'effort' and self._currents else self.unit(item, names)
-
-    @property
-    def _currents(self) -> bool:
-        return self.settings.get('state_effort') == 'current'
+        currents = self.settings.get('state_effort') == 'current'
+        return 'A' if item == 'effort' and currents else self.unit(item, names)
 
     def _states_topic(self) -> str:
         """Return the topic of joint states: by role, by name, or the one with most messages."""
-        found = {topic: len(x) for topic, x in self.of_type(JOINT_STATE) if x.names}
+        read = self.log.of_type(JOINT_STATE).items()
+        found = {topic: len(x) for topic, x in read if x.names}
         if not found:
             for topic, kind in self.log.topics.items():
                 named = topic.endswith('joint_states') or 'JointState' in kind
@@ -276,7 +252,7 @@ class Recorded:
         """Return the robot of the one URDF in a log of another arm; note why there is none."""
         topics = {
             str(text): topic
-            for topic, found in self.of_type(STRING)
+            for topic, found in self.log.of_type(STRING).items()
             if topic.rpartition('/')[2] == DESCRIPTION
             for text in found.data
         }
@@ -291,7 +267,7 @@ class Recorded:
                     why = f'that on {cut(topics[text])} cannot be used: {error}'
         elif topics:
             why = f'{len(topics)} robots on {listed([*topics.values()])}'
-        if any(self.of_type(JOINT_STATE)):
+        if self.log.of_type(JOINT_STATE):
             self.notes[one_line(f'limits are not checked, {why}; --robot names a robot')] = None
         return None
 

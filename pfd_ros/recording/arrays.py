@@ -108,9 +108,20 @@ class LogArrays:
         return found
 
     def of_type(self, *kinds: str) -> dict[str, TopicArrays]:
-        """Return the topics of some types that can be read and have messages."""
-        there = (t for t in self if self.topics[t] in kinds and not self.obstacle(t))
+        """Return the topics of some types, default all, that can be read and have messages."""
+        types = self.topics
+        there = (t for t in self if types[t] in (kinds or types.values()) and not self.obstacle(t))
         return {topic: self[topic] for topic in there if len(self[topic])}
+
+    def topic_of(self, role: str) -> str:
+        """Return the topic of a role in a recording of ours, '' without one."""
+        return next((topic for topic, found in self.roles.items() if found == role), '')
+
+    def of_role(self, role: str) -> TopicArrays | None:
+        """Return the messages of a role in a recording of ours, None if none can be read."""
+        topic = self.topic_of(role)
+        found = None if topic not in self or self.obstacle(topic) else self[topic]
+        return found if found is not None and len(found) else None
 
     def required(self, topic: str, *kinds: str) -> TopicArrays:
         """Return a topic of some types; LogError that says what it is, and names those topics."""

@@ -63,19 +63,15 @@ class Log:
 
     def messages(self) -> Iterator[Message]:
         """Yield the messages in their order; of a file that was cut off, up to the cut."""
-        return (message for message, _, _ in self.timed())
-
-    def timed(self) -> Iterator[tuple[Message, int, int]]:
-        """Yield the messages with their log times and publish times [ns], as `messages`."""
-        bag, roles, last = Bag(self.path), self._roles, 0
-        for topic, log_ns, publish_ns, data, number in bag.messages():
-            role = roles.get(topic)
+        bag, last = Bag(self.path), 0
+        for topic, _, _, data, number in bag.messages():
+            role = self._roles.get(topic)
             if role in ASIDES:
-                yield Message(role, data), log_ns, publish_ns
+                yield Message(role, data)
             elif role is not None:
                 # 32 bits of the cycle, which never decreases.
                 last += (number - last) & names.SEQUENCE_MASK
-                yield Message(role, data, last), log_ns, publish_ns
+                yield Message(role, data, last)
         with damage_named(self.path):
             self.end = {key: json.loads(text) for key, text in bag.end.items()}
         self.complete = bag.complete and bool(self.end)

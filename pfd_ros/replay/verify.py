@@ -91,15 +91,15 @@ def _verified(log: Log, engine: Engine) -> Verified:
         cycle = number - taken
         advance(cycle)
         if not taken:
-            own = computed.popleft() if computed else None
-            if own != message and (why := _difference(message, own, engine)):
+            same = computed and computed[0] == message
+            if not same and (why := _difference(message, computed, engine)):
                 raise DifferenceError(f'cycle {number}{why}')
+            computed.popleft()
         elif not computed and engine.state.cycle == cycle:
             # The rejection, if any; not the input itself.
             computed.extend([m for m in engine.step([message], run=False)[0] if m.role != role])
         else:
-            own = computed[0] if computed else None
-            raise DifferenceError(f'cycle {number}: recorded {role}, {_only(own, engine)}')
+            raise DifferenceError(f'cycle {number}: recorded {role}, {_next(computed, engine)}')
     if log.end:
         counted, last = log.end[EndKey.RECORDED], log.end[EndKey.TOTALS]['cycles']
         if counted != compared:
@@ -108,8 +108,7 @@ def _verified(log: Log, engine: Engine) -> Verified:
             raise LogError(f'{log.path}: its messages were altered: their checksum differs')
         advance(last)
         if computed or engine.state.cycle != last:
-            own = computed[0] if computed else None
-            raise DifferenceError(f'end: recorded {last} cycles, {_only(own, engine)}')
+            raise DifferenceError(f'end: recorded {last} cycles, {_next(computed, engine)}')
     return Verified(compared, engine.state.cycle, log.complete)
 
 
@@ -124,20 +123,20 @@ def _altered(log: Log) -> bool | None:
     return log.end[EndKey.CRC] != crc if log.end else None
 
 
-def _only(computed: Message | None, engine: Engine) -> str:
-    if computed is not None:
-        return f'replayed {computed.role} of cycle {computed.cycle}'
+def _next(computed: deque[Message], engine: Engine) -> str:
+    if computed:
+        return f'replayed {computed[0].role} of cycle {computed[0].cycle}'
     waits = ', where the arm waits for an input' if engine.waiting else ''
     return f'replayed nothing after cycle {engine.state.cycle}{waits}'
 
 
-def _difference(recorded: Message, computed: Message | None, engine: Engine) -> str:
-    """Return the first difference of two messages, '' for one in the words of a rejection."""
+def _difference(recorded: Message, computed: deque[Message], engine: Engine) -> str:
+    """Return the first difference of the next message, '' for one in the words of a rejection."""
     role = recorded.role
-    if computed is None or (computed.role, computed.cycle) != (role, recorded.cycle):
-        return f': recorded {role}, {_only(computed, engine)}'
+    if not computed or (computed[0].role, computed[0].cycle) != (role, recorded.cycle):
+        return f': recorded {role}, {_next(computed, engine)}'
     kind = Decoder(ROLES[role].type)
-    other = kind.decode(computed.data)
+    other = kind.decode(computed[0].data)
     try:
         one = kind.decode(recorded.data)
     except Exception as error:  # the bytes may be anything

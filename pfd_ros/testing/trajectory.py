@@ -185,10 +185,7 @@ class Trajectory:
         return [*zip(JOINT_FIELDS, values, least, most, strict=True)]
 
     def _unit(self, item: str, j: int) -> str:
-        robot = self.robot
-        known = ((), ()) if robot is None else (robot.joint_names, robot.joint_types)
-        kinds = dict(zip(*known, strict=True))
-        return unit_of(item, [kinds[name] for name in self.names[j : j + 1] if name in kinds])
+        return unit_of(item, self.robot, self.names[j : j + 1])
 
     def symptoms(self, target: Reference | None = None, joint: Joints = None) -> list[str]:
         """Return a diagnosis of each joint, one line each, as in failed assertions.

@@ -170,16 +170,16 @@ class ShownLog:
         problems: dict[str, None],
     ) -> list[Load | None]:
         """Return a load in each of the states, by their times and their log times."""
-        there = [name for name in sorted(log) if log.topics[name] == source.type]
-        there = [name for name in there if len(log.received_ns[name])]
         if topic is not None:
             log.required(topic, source.type)
         elif log.roles:
-            topic = next((name for name in there if log.roles.get(name) == source.role), None)
+            topic = log.topic_of(source.role)
         else:
+            there = [t for t in sorted(log) if log.topics[t] == source.type]
+            there = [t for t in there if len(log.received_ns[t])]
             named = (t for name in source.names for t in there if t.rpartition('/')[2] == name)
-            topic = next(named, None)
-        self.unreadable += log.lost([topic] if topic else [])
+            topic = next(named, '')
+        self.unreadable += log.lost([topic])
         if topic not in log.of_type(source.type):
             return [None] * len(times_ns[0])
         found = log[topic]

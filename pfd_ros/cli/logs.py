@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from pfd_ros.replay.compare import Curves
 
 INCOMPLETE = 3
+# A shell adds the number of a signal to this status.
+SIGNALLED = 128
 # Of the settings of a recording, on one line.
 LONGEST_LINE = 10_000
 # Of the clock without a number, as `ros2 bag play --clock` [Hz].
@@ -189,8 +191,10 @@ def _publish(given: argparse.Namespace, options: dict[str, Any]) -> int:
     from pfd_ros.replay.playlist import PlayOptions
     from pfd_ros.replay.publish import play
 
+    stop = given.stop or stop_on_signals()
     try:
-        return play(given.log, PlayOptions(**options), given.stop or stop_on_signals())
+        whole = play(given.log, PlayOptions(**options), stop.is_set)
+        return 0 if whole else SIGNALLED + stop.number
     finally:
         ignore_signals()
 

@@ -122,14 +122,7 @@ def _live(given: argparse.Namespace) -> None:
     # The page first: a port in use is an error at once.
     with page(given.port, 'live') as server, live.view_node(arm) as node:
         topics = live.topics_of(node, arm, given.topic, given.wrench_topic)
-        opened = threading.Event()
-
-        def report_browser(_: Any) -> None:
-            if not opened.is_set():
-                opened.set()
-                _say(OPENED)
-
-        server.on_client_connect(report_browser)
+        server.on_client_connect(lambda _: _say(OPENED))
         named = given.robot and named_model(given.robot)
         urdf, folder = named or live.model_of(node, arm, topics)
         drawing = draw(urdf, Meshes(folder, tuple(given.package_path)))

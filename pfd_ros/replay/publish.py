@@ -14,11 +14,11 @@ setting a parameter is answered with a reason.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 import math
 from pathlib import Path
 import time
-from typing import Any, Protocol
+from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 import rclpy
@@ -51,36 +51,24 @@ DISCOVERY_SECONDS = 1.0
 END_SECONDS, SLICE_SECONDS = 2.0, 0.1
 # While messages are late, callbacks run this often; a look for them takes 0.1 ms.
 SERVE_NS, LATE_NS = 10_000_000, 10_000_000
-# A shell adds the number of a signal to this status.
-STATUS_BASE = 128
 # Of the middleware; other errors are of this program, and end it with their traceback.
 ERRORS = (RCLError, RMWError, NameValidationException)
 
 
-class Stop(Protocol):
-    """An event that a signal sets, and the number of the signal."""
+def play(path: Path, options: PlayOptions, stopped: Callable[[], bool]) -> bool:
+    """Publish a log until its end, or until it is stopped; return whether all was published.
 
-    number: int
-
-    def is_set(self) -> bool:
-        """Return whether a signal came."""
-
-
-def play(path: Path, options: PlayOptions, stop: Stop) -> int:
-    """Publish a log until its end or a signal; return the exit status.
-
-    0 if all of it was published, or a loop was ended by a signal; else 128 and the number of the
-    signal that ended it. LogError, ValueError and OSError as `playlist`.
+    A loop is only ended by being stopped. LogError, ValueError and OSError as `playlist`.
     """
-    found = playlist(path, options, stop.is_set)
+    found = playlist(path, options, stopped)
     if found is None:
-        return STATUS_BASE + stop.number
+        return False
     for line in found.lines:
         _say(line)
     try:
         try:
             rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-            player = _Player(found, options, stop)
+            player = _Player(found, options, stopped)
         except ERRORS as error:
             raise ValueError(f'ROS: {error}') from error
         try:
@@ -98,9 +86,9 @@ def _say(line: str) -> None:
 class _Player:
     """The node, its publishers and the schedule."""
 
-    def __init__(self, found: Playlist, options: PlayOptions, stop: Stop) -> None:
+    def __init__(self, found: Playlist, options: PlayOptions, stopped: Callable[[], bool]) -> None:
         self.node = Node(NAME)
-        self._found, self._loop, self._stop = found, options.loop, stop
+        self._found, self._loop, self._stopped = found, options.loop, stopped
         self._executor: Any = EventsExecutor()
         self._executor.add_node(self.node)
         self._publishers: dict[str, Any] = {}
@@ -150,37 +138,37 @@ class _Player:
         """Yield the messages to publish, up to a signal."""
         try:
             for message in self._found.messages(self._publishers):
-                if self._stop.is_set():
+                if self._stopped():
                     return
                 yield message
         except (LogError, OSError) as error:
             # Perhaps within a callback; the file has changed since it was read.
             self._failure = error
 
-    def run(self) -> int:
-        """Publish until the end or a signal; return the exit status."""
+    def run(self) -> bool:
+        """Publish until the end, or until it is stopped; return whether all was published."""
         until = time.monotonic() + DISCOVERY_SECONDS
-        while not self._stop.is_set() and (left := until - time.monotonic()) > 0:
+        while not self._stopped() and (left := until - time.monotonic()) > 0:
             self._serve(min(left, SLICE_SECONDS))
         begun = time.monotonic()
         _say(f'{"paused" if self._schedule.paused else "begin"} at {self._position()}')
-        while not (self._schedule.ended or self._stop.is_set() or self._failure):
+        while not (self._schedule.ended or self._stopped() or self._failure):
             self._publish_due()
         if self._failure is not None:
             raise self._failure
-        interrupted = self._stop.is_set()
+        interrupted = self._stopped()
         if not interrupted:
             self._wait_for_readers()
         seconds, worst = time.monotonic() - begun, self._longest_late_ns * 1e-6
         _say(f'published {self._sent} messages in {seconds:.3f} s, up to {self._position()}')
         count = self._late or 'no'
         _say(f'{count} messages were more than {LATE_NS * 1e-6:g} ms late, at most {worst:.1f} ms')
-        return STATUS_BASE + self._stop.number if interrupted and not self._loop else 0
+        return self._loop or not interrupted
 
     def _publish_due(self) -> None:
         """Publish the messages that are due, or wait for them and answer calls."""
         now = time.monotonic_ns()
-        while (send := self._schedule.due(now)) is not None and not self._stop.is_set():
+        while (send := self._schedule.due(now)) is not None and not self._stopped():
             self._send(send, now)
             now = time.monotonic_ns()
             if now - self._served_ns > SERVE_NS:

@@ -113,12 +113,6 @@ def closed_loop(controller: Controller | str = '', process: str = '') -> Drive:
     """
     words = shlex.split(process)
 
-    def link_of(case: Case, engine: Engine) -> AbstractContextManager[Link]:
-        if words:
-            return _process(words, case, engine)
-        called = named_controller(controller) if isinstance(controller, str) else controller
-        return CallbackLink(called, engine.names, PATIENCE_SECONDS)
-
     def drive(case: Case, engine: Engine, put: Put) -> Run:
         arm, state, notes = _LoggedArm(case, engine, put), engine.state, list[str]()
         found, every = arm.found, state.first.publish_every
@@ -131,7 +125,12 @@ def closed_loop(controller: Controller | str = '', process: str = '') -> Drive:
                 arm.step()
             # The log ends the run; cycles that set the arm are less than a period.
             left = (arm.last - state.cycle) * state.first.step_ns / NANOSECONDS
-            with link_of(case, engine) as link:
+            if words:
+                context: AbstractContextManager[Link] = _process(words, case, engine)
+            else:
+                law = named_controller(controller) if isinstance(controller, str) else controller
+                context = CallbackLink(law, engine.names, PATIENCE_SECONDS)
+            with context as link:
                 notes = link.notes
                 loop.run(arm, link, left + (len(arm.alone) + 1) * arm.period, arm.rejected)
         except (_OverError, ArmError):

@@ -469,26 +469,25 @@ class NodeLink:
         # A chain of nodes needs a barrier for each node elsewhere, and as many again if nodes of
         # this process are between them.
         for _ in range(len(self._peers) * (2 if self._nodes else 1)):
-            self._barrier(role, stamp_ns)
+            deadline = perf_counter() + self._patience
+            for peer in self._peers.values():
+                peer.ask(role)
+            for peer in self._peers.values():
+                self._await(peer, role, stamp_ns, deadline)
+            if self._nodes:
+                self._drain()
 
-    def _barrier(self, role: str, stamp_ns: int) -> None:
-        """Wait for replies of all peers, and run the nodes of this process."""
-        deadline = perf_counter() + self._patience
-        for peer in self._peers.values():
-            peer.ask(role)
-        for peer in self._peers.values():
-            while (future := peer.awaited(stamp_ns)) is not None:
-                self._spin(future, LOOK_SECONDS)
-                if not future.done():
-                    self._check_processes()
-                if perf_counter() > deadline:
-                    raise NoAnswerError(
-                        f'node {peer.name!r} does not finish what follows the {role} message '
-                        f'within {self._patience:g} s {self._where()}: '
-                        f'{UNREAD if peer.reads else "it blocks or is gone"}{self._outputs()}'
-                    )
-        if self._nodes:
-            self._drain()
+    def _await(self, peer: _Peer, role: str, stamp_ns: int, deadline: float) -> None:
+        while (future := peer.awaited(stamp_ns)) is not None:
+            self._spin(future, LOOK_SECONDS)
+            if not future.done():
+                self._check_processes()
+            if perf_counter() > deadline:
+                raise NoAnswerError(
+                    f'node {peer.name!r} does not finish what follows the {role} message '
+                    f'within {self._patience:g} s {self._where()}: '
+                    f'{UNREAD if peer.reads else "it blocks or is gone"}{self._outputs()}'
+                )
 
     def _drain(self) -> None:
         """Run nodes of this process until nothing is ready, and take the commands."""

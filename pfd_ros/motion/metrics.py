@@ -47,9 +47,3 @@ def rates(time: Array, values: Array) -> Array:
     """Return the absolute rate of change between neighbouring samples, (N - 1,), per second."""
     found: Array = np.abs(np.diff(values)) / np.diff(time)
     return found
-
-
-def first_beyond(values: Array, lower: float, upper: float) -> int | None:
-    """Return the first sample at or beyond a bound, None without any; NaN is beyond none."""
-    found = np.flatnonzero((values <= lower) | (values >= upper))
-    return int(found[0]) if len(found) else None

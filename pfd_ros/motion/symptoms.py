@@ -32,7 +32,7 @@ below REFERENCE_RATE may be those of a reference, and are no oscillation.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 import math
@@ -40,7 +40,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pfd_ros.motion.metrics import Array, first_beyond
+from pfd_ros.motion.metrics import Array
 
 # Least reversal of a turn, as a share of the largest in the motion; the second for noisy motions.
 REVERSAL, NOISY = 0.05, 0.5
@@ -235,6 +235,15 @@ class Samples:
             return 'steady'
         return f'{"growing" if growth > 0 else "decaying"} by {abs(growth):.3g} /s'
 
+    @property
+    def hits(self) -> Iterator[tuple[int, str, float, float]]:
+        """The first sample at or beyond each limit: its number, item, value and limit."""
+        for item, values in (('position', self.q), ('velocity', self.qd), ('effort', self.tau)):
+            low, high = self.limits[item]
+            # NaN is beyond none.
+            for k in np.flatnonzero((values <= low) | (values >= high))[:1].tolist():
+                yield k, item, float(values[k]), low if values[k] <= low else high
+
     def said(self, item: str, value: float) -> str:
         """Return a position, velocity or effort with its unit."""
         return f'{value:.4g} {self.units[item]}'
@@ -341,11 +350,8 @@ def _torque_limit(x: Samples) -> str:
 
 def _first_limit(x: Samples) -> str:
     hits = [
-        (k, f'first {item} {x.said(item, values[k])} at or beyond its limit {x.said(item, bound)}')
-        for item, values in (('position', x.q), ('velocity', x.qd), ('effort', x.tau))
-        for low, high in [x.limits[item]]
-        if (k := first_beyond(values, low, high)) is not None
-        for bound in [low if values[k] <= low else high]
+        (k, f'first {item} {x.said(item, value)} at or beyond its limit {x.said(item, bound)}')
+        for k, item, value, bound in x.hits
     ]
     return f'{min(hits)[1]} at t = {x.time[min(hits)[0]]:.6g} s' if hits else ''
 

@@ -170,19 +170,20 @@ class Trajectory:
         hits = [
             LimitHit(joint, kind, float(self.time[k]), value, bound, self._unit(kind, j))
             for j, joint in enumerate(self.names)
-            for kind, values, least, most in self._bounds(j)
-            if (k := metrics.first_beyond(values, least, most)) is not None
-            for value in [float(values[k])]
-            for bound in [least if value <= least else most]
+            for k, kind, value, bound in self._samples(j).hits
         ]
         return sorted(hits, key=lambda hit: hit.time)
 
-    def _bounds(self, j: int) -> list[tuple[str, Array, float, float]]:
-        """Return the name of each limit of a joint, the bounded values, and the bounds."""
+    def _samples(self, j: int, target: float | Array | None = None) -> Samples:
         lower, upper, speed, effort = (float(limit[j]) for limit in self.limits)
-        least, most = (lower, -speed, -effort), (upper, speed, effort)
-        values = [x[:, j] for x in (self.q, self.qd, self.tau)]
-        return [*zip(JOINT_FIELDS, values, least, most, strict=True)]
+        bounds = (lower, upper), (-speed, speed), (-effort, effort)
+        return Samples(
+            *(self.time, self.q[:, j], self.qd[:, j], self.tau[:, j]),
+            target=target,
+            limits=dict(zip(JOINT_FIELDS, bounds, strict=True)),
+            units={item: self._unit(item, j) for item in JOINT_FIELDS},
+            period=self.period,
+        )
 
     def _unit(self, item: str, j: int) -> str:
         return unit_of(item, self.robot, self.names[j : j + 1])
@@ -196,22 +197,13 @@ class Trajectory:
         goals = None if target is None else self._rows('target', target, len(self.names))
         if goals is not None and (goals == goals[0]).all():
             goals = goals[:1]
-        return [
-            f'{self.names[j]}: '
-            + text_of(
-                diagnosis(
-                    Samples(
-                        *(self.time, self.q[:, j], self.qd[:, j], self.tau[:, j]),
-                        target=None if goals is None else goals[0 if len(goals) == 1 else ..., j],
-                        limits={kind: (low, high) for kind, _, low, high in self._bounds(j)},
-                        units={item: self._unit(item, j) for item in JOINT_FIELDS},
-                        period=self.period,
-                    ),
-                    commanded=bool(self.commanded[j]) if len(self.commanded) else True,
-                )
-            )
-            for j in self._columns(joint)
-        ]
+        lines = []
+        for j in self._columns(joint):
+            goal = None if goals is None else goals[0 if len(goals) == 1 else ..., j]
+            commanded = bool(self.commanded[j]) if len(self.commanded) else True
+            found = diagnosis(self._samples(j, goal), commanded=commanded)
+            lines.append(f'{self.names[j]}: {text_of(found)}')
+        return lines
 
     def _fail(
         self,

@@ -12,7 +12,6 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from datetime import datetime, timezone
 import hashlib
 from html import escape
 from importlib.resources import files
@@ -27,7 +26,6 @@ import pfd_core as pfd
 from pfd_ros.arm.events import INPUTS, REJECTED, TRANSITION
 from pfd_ros.arm.settings import Settings
 from pfd_ros.files import new_file
-from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS
 from pfd_ros.messages.types import (
     DIAGNOSTICS,
@@ -42,7 +40,7 @@ from pfd_ros.page.curves import Plot, Reference, commanded_positions, encoded, p
 from pfd_ros.page.findings import BAD, NOTE, TEXT_LENGTH, Finding, commands_end, find
 from pfd_ros.page.recorded import Array, Recorded
 from pfd_ros.recording.arrays import LogArrays
-from pfd_ros.recording.facts import by_parameter
+from pfd_ros.recording.facts import by_parameter, date_of
 from pfd_ros.recording.format import FIRST_EDITION, HeadKey, damage_named
 from pfd_ros.text import cut, one_line
 
@@ -263,11 +261,7 @@ def _facts(run: Recorded) -> Iterator[tuple[str, str]]:
 def _origin(run: Recorded) -> str:
     if not run.origin_ns:
         return 'simulated time'
-    try:
-        day = datetime.fromtimestamp(run.origin_ns // NANOSECONDS, timezone.utc)
-    except (ValueError, OverflowError, OSError):
-        return f't = 0 is {run.origin_ns} ns'
-    return f't = 0 is {day:%Y-%m-%d %H:%M:%S} UTC'
+    return f't = 0 is {date_of(run.origin_ns)}'
 
 
 def _settings(run: Recorded) -> Iterator[tuple[str, str]]:

@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
-from pfd_ros.arm.events import ARRAY, DESCRIPTION, NAMED, REJECTED, STATES, TRAJECTORY, TRUE_STATES
+from pfd_ros.arm.events import ARRAY, NAMED, REJECTED, STATES, TRAJECTORY, TRUE_STATES
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS, unit_of
-from pfd_ros.messages.types import JOINT_STATE, STRING
+from pfd_ros.messages.types import JOINT_STATE
 from pfd_ros.recording.arrays import LogArrays
 from pfd_ros.recording.topic_arrays import TopicArrays
 from pfd_ros.text import cut, listed, one_line
@@ -250,13 +250,7 @@ class Recorded:
 
     def _described(self) -> pfd.Robot | None:
         """Return the robot of the one URDF in a log of another arm; note why there is none."""
-        topics = {
-            str(text): topic
-            for topic, found in self.log.of_type(STRING).items()
-            if topic.rpartition('/')[2] == DESCRIPTION
-            for text in found.data
-        }
-        why = 'no robot_description'
+        topics, why = self.log.descriptions(), 'no robot_description'
         if len(topics) == 1:
             (text,) = topics
             with warnings.catch_warnings():

@@ -20,10 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
-from pfd_ros.arm.events import INPUTS
+from pfd_ros.arm.events import DESCRIPTION, INPUTS
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.columns import full_type
 from pfd_ros.messages.joints import JOINT_FIELDS
+from pfd_ros.messages.types import STRING
 from pfd_ros.recording.bags import Bag, BagTopic
 from pfd_ros.recording.format import FORMAT, HeadKey, LogError, damage_named
 from pfd_ros.recording.log import robot_of, table
@@ -122,6 +123,12 @@ class LogArrays:
         topic = self.topic_of(role)
         found = None if topic not in self or self.obstacle(topic) else self[topic]
         return found if found is not None and len(found) else None
+
+    def descriptions(self) -> dict[str, str]:
+        """Return each URDF on topics named robot_description, in their order, with its topic."""
+        topics = self.of_type(STRING).items()
+        named = [(topic, found) for topic, found in topics if topic.split('/')[-1] == DESCRIPTION]
+        return {str(text): topic for topic, found in named for text in found.data}
 
     def required(self, topic: str, *kinds: str) -> TopicArrays:
         """Return a topic of some types; LogError that says what it is, and names those topics."""

@@ -130,8 +130,8 @@ def lines(found: Mapping[str, Any]) -> Iterator[str]:
     yield f'size       {found["bytes"] / 1e6:.3f} MB{"" if found["complete"] else ", cut off"}'
     yield f'messages   {found["messages"]}'
     if begin is not None and end is not None:
-        yield f'begin      {_date(begin, simulated=found["simulated"])}'
-        yield f'end        {_date(end, simulated=found["simulated"])}'
+        yield f'begin      {_moment(begin, simulated=found["simulated"])}'
+        yield f'end        {_moment(end, simulated=found["simulated"])}'
         yield f'length     {(end - begin) / NANOSECONDS:.6f} s'
     if run is not None:
         cycles = f'{run["cycles"]} cycles, {run["seconds"]:.3f} s simulated'
@@ -159,9 +159,12 @@ def lines(found: Mapping[str, Any]) -> Iterator[str]:
             yield f'{name:10} {", ".join(f"{key}={value}" for key, value in values.items())}'
 
 
-def _date(ns: int, *, simulated: bool) -> str:
-    if simulated:
-        return f'{ns / NANOSECONDS:.6f} s of simulated time'
+def _moment(ns: int, *, simulated: bool) -> str:
+    return f'{ns / NANOSECONDS:.6f} s of simulated time' if simulated else date_of(ns)
+
+
+def date_of(ns: int) -> str:
+    """Return a time of day in UTC, or the number of ns where no calendar has it."""
     try:
         return datetime.fromtimestamp(ns / NANOSECONDS, timezone.utc).isoformat(sep=' ')
     except (ValueError, OverflowError, OSError):

@@ -175,12 +175,7 @@ def _recorded(
 
 def _described(log: LogArrays) -> str:
     """Return the URDF in a log of any kind; ValueError if there is none, or more than one."""
-    found = {
-        str(text): topic
-        for topic, kind in log.topics.items()
-        if kind == STRING and topic.endswith('robot_description')
-        for text in log[topic].data
-    }
+    found = log.descriptions()
     if len(found) == 1:
         return found.popitem()[0]
     several = f'{len(found)} robots, on {listed([*found.values()])}' if found else ''

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.arm.description import parsed_urdf
-from pfd_ros.arm.events import DESCRIPTION, STATES
+from pfd_ros.arm.events import STATES
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.types import JOINT_STATE, STRING
 from pfd_ros.recording.arrays import LogArrays, read_log, renamed
@@ -209,18 +209,13 @@ def _model(
     if robot is not None:
         return named_model(robot)
     folder = folder_of(str((log.settings or {}).get('robot', '')))
-    found = {
-        topic: list(map(str, texts.data))
-        for topic, texts in log.of_type(STRING).items()
-        if topic.rpartition('/')[2] == DESCRIPTION
-    }
-    if found:
-        topic = next(iter(found))
-        if len({text for texts in found.values() for text in texts}) > 1:
-            line = f'several robots on {listed([*found])}: shown is the last of {cut(topic)}'
+    if found := log.descriptions():
+        topic, topics = next(iter(found.values())), [*dict.fromkeys(found.values())]
+        if len(found) > 1:
+            line = f'several robots on {listed(topics)}: shown is the last of {cut(topic)}'
             problems[f'{line}; --robot names another'] = None
-        urdf = parsed_urdf(found[topic][-1], f'{topic} of {log.path}')
-        return with_meshes(urdf, folder)
+        text = str(log[topic].data[-1])
+        return with_meshes(parsed_urdf(text, f'{topic} of {log.path}'), folder)
     if log.robot is not None:
         text = pfd.robot_to_urdf(log.robot)
         return with_meshes(parsed_urdf(text, f'the robot in {log.path}'), folder)

@@ -85,18 +85,25 @@ def commanded_positions(run: Recorded) -> Iterator[Reference]:
     servos ignores positions, and a controller may fill them with one number: no reference.
     """
     found, servos = run.of_role(NAMED), any(run.settings.get('servo_p') or ())
-    named = set[str]()
+    planned = {reference.names[0]: reference for reference in _planned(run)}
     for j, name in enumerate(() if found is None else found.names):
         assert found is not None
-        there = np.isfinite(found.position[:, j])
+        there = np.isfinite(found.position[:, j]) & run.accepted(NAMED)
         time, values = run.intended(found)[there], found.position[there, j]
         if len(time) and (servos or np.ptp(values) > 0.0):
             ends = np.append(time[1:], max(run.span[1], time[-1]))
             ends = np.where(ends - time > HELD, ends, time)
             steps = np.stack([time, ends], axis=1).ravel()
-            named.add(name)
-            yield Reference((name,), steps, values.repeat(2)[:, np.newaxis])
-    yield from (planned for planned in _planned(run) if planned.names[0] not in named)
+            reference = Reference((name,), steps, values.repeat(2)[:, np.newaxis])
+            if name in planned:  # a trajectory ends what was commanded before
+                grid = next(joints.time for joints in run.joints if name in joints.names)
+                q = planned.pop(name).at(name, grid)
+                moved = np.maximum.accumulate(np.where(np.isfinite(q), grid, -np.inf))
+                newer = np.append(-np.inf, time)[np.searchsorted(time, grid, 'right')] > moved
+                q = np.where(newer, reference.at(name, grid), q)
+                reference = Reference((name,), grid, q[:, np.newaxis])
+            yield reference
+    yield from planned.values()
 
 
 def _planned(run: Recorded) -> Iterator[Reference]:
@@ -186,10 +193,10 @@ def _points(run: Recorded) -> Iterator[Plot]:
     acts = (time >= begin[:, np.newaxis]) & (time < ends[:, np.newaxis])
     acts &= run.accepted(TRAJECTORY)[:, np.newaxis]
     names = found.joint_names
-    labels = tuple(dict.fromkeys(names[names != '']))
+    labels = tuple(dict.fromkeys(x for x in names[run.accepted(TRAJECTORY)].ravel() if x))
     for item, field in zip(JOINT_FIELDS, ('positions', 'velocities', 'effort'), strict=True):
         points = found.arrays[f'points.{field}']
-        if not points.size:
+        if not points.size or not labels:
             continue
         columns = [np.where(names[:, np.newaxis] == x, points, -np.inf)[acts] for x in labels]
         values = np.stack([column.max(axis=1) for column in columns], axis=1)

@@ -286,9 +286,10 @@ def _symptoms(
             columns = [joints.values[item][:, j] for item in JOINT_FIELDS]
             good = near & np.isfinite(columns[0]) & np.isfinite(columns[1])
             target = next((r.at(name, time) for r in references if name in r.names), None)
-            if target is not None:
-                good &= np.isfinite(target)
-            rows = np.flatnonzero(good)[-MOST_DIAGNOSED:]
+            known = good if target is None else good & np.isfinite(target)
+            if np.count_nonzero(known) < FEWEST_STATES:  # its reference is at other times
+                target, known = None, good
+            rows = np.flatnonzero(known)[-MOST_DIAGNOSED:]
             if len(rows) < FEWEST_STATES or not joints.period:
                 continue
             samples = Samples(

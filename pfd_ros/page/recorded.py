@@ -167,14 +167,17 @@ class Recorded:
 
     @cached_property
     def commanded(self) -> set[str]:
-        """Joints for which a command was logged."""
+        """Joints for which a command was logged, and not rejected."""
         named, planned = self.of_role(NAMED), self.of_role(TRAJECTORY)
-        if self.of_role(ARRAY) is not None:
+        if self.accepted(ARRAY).any():
             return set(self.names)
-        found = set(() if planned is None else planned.joint_names.ravel()) - {''}
+        found = set[str]()
+        if planned is not None:
+            found = {*planned.joint_names[self.accepted(TRAJECTORY)].ravel()} - {''}
         if named is None:
             return found
-        there = np.isfinite([getattr(named, item) for item in JOINT_FIELDS]).any(axis=(0, 1))
+        values = np.array([getattr(named, item) for item in JOINT_FIELDS])
+        there = np.isfinite(values[:, self.accepted(NAMED)]).any(axis=(0, 1))
         return found | {named.names[j] for j in np.flatnonzero(there)}
 
     @property

@@ -299,7 +299,8 @@ def test_a_joint_is_compared_with_its_trajectory_as_the_arm_samples_it(tmp_path)
     still = np.zeros((2, 1))
     plan = trajectory(('elbow',), [0.0, 0.5], positions=[[0.1], [0.6]], velocities=still)
     servo = {'servo_p': (0.0, 100.0), 'servo_d': (0.0, 8.0), 'gravity': (0.0,) * 3}
-    events = {101: [plan], 801: [placed(['elbow'], [0.1])]}
+    held, refused = named(['elbow'], position=[0.05]), named(['shoulder'], position=[1e9])
+    events = {21: [held], 101: [plan], 801: [placed(['elbow'], [0.1])], 901: [refused]}
     simulate(tmp_path / 'a.mcap', 1000, events, **servo)
     page = shown(tmp_path / 'a.mcap')
     position = next(plot for plot in page.plots if plot.title == 'position [rad]')
@@ -307,10 +308,13 @@ def test_a_joint_is_compared_with_its_trajectory_as_the_arm_samples_it(tmp_path)
     # A cubic of 0.5 s from 0.1 to 0.6 from the state on that the message met, held up to the jump.
     x = (position.time - 0.1) / 0.5
     cubic = 0.1 + 0.5 * (3.0 * x**2 - 2.0 * x**3)
-    wanted = np.where(x < 1.0, cubic, 0.6)[(x > -1e-9) & (position.time < 0.8005)]
-    found = position.values[:, 2]
-    np.testing.assert_allclose(found[np.isfinite(found)], wanted, rtol=0, atol=1e-9)
+    wanted = np.where(x < -1e-9, 0.05, np.where(x < 1.0, cubic, 0.6))
+    found, time = position.values[:, 2], position.time
+    assert np.isfinite(found).tolist() == ((time > 0.0205) & (time < 0.8005)).tolist()
+    chosen = np.isfinite(found)
+    np.testing.assert_allclose(found[chosen], wanted[chosen], rtol=0, atol=1e-9)
     assert any(line.startswith('elbow: follows its reference within') for line in page.joints)
+    assert 'shoulder: never commanded: braked' in page.joints
 
 
 # Logs of other programs.

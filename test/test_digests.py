@@ -99,7 +99,7 @@ MANY = 'mixed5'
 SINGLE = {'ur5': ('composite_body',), MANY: ('derivatives', 'pcgm')}
 # What repeats the way of others through the generators of code: slow.
 REPEATED = {
-    *(('dense6', 'float64', 'default'), ('ur5 with loads', 'float64', 'default')),
+    *((case, 'float64', 'default') for case in ('dense6', 'panda', 'ur5 with loads')),
     *((MANY, 'float64', name) for name in ('default', 'divide_and_conquer')),
     *((MANY, 'float32', 'default'), 'rk4, mixed5 with friction and stops'),
     *('velocity_verlet, mixed5 with friction and stops', 'linearize, ur5', 'adaptive, ur5'),

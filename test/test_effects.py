@@ -294,7 +294,7 @@ def test_effects_over_a_step_are_refused_at_an_instant_and_in_no_other_quantity(
                 pfd.compile_kernel(robot(), scene=scene, quantity=quantity)
         else:
             with_it, without_it = (
-                pfd.compile_kernel(robot(), scene=x, quantity=quantity).ir for x in (scene, bare)
+                KernelSpec(robot(), x, quantity=quantity).plant for x in (scene, bare)
             )
             assert with_it == without_it, quantity
 

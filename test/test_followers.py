@@ -185,7 +185,13 @@ def emulated(robot: pfd.Robot, quantity: str) -> Callable[..., Array]:
     return call
 
 
-@NAMES
+@pytest.mark.parametrize(
+    'name',
+    [
+        pytest.param(name, marks=[SLOW] * (name not in ('palletiser', 'bars', 'wheels')))
+        for name in ARMS
+    ],
+)
 def test_every_quantity_is_pinocchios_of_the_whole_file_projected(name: str) -> None:
     text, tip, joints = ARMS[name]
     robot, rng = loaded(name), np.random.default_rng(4)

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
 from configparser import ConfigParser
 from functools import cache
 from graphlib import TopologicalSorter
@@ -116,10 +115,15 @@ def modules() -> dict[str, Path]:
 
 
 @cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding='utf-8'))
+
+
+@cache
 def imported_by(path: Path) -> list[str]:
     """Return the full name of each module, or name in a module, that a file imports."""
     found = list[str]()
-    for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Import):
             found += (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -134,28 +138,24 @@ def member(name: str, package: str) -> str:
     return name[len(package) + 1 :].partition('.')[0] if inside else ''
 
 
-def violations(found: dict[str, Path]) -> Iterator[str]:
-    """Yield one line for each import that points the wrong way."""
-    for module, path in found.items():
+def test_imports_point_one_way() -> None:
+    found = list[str]()
+    for module, path in modules().items():
         for name in imported_by(path):
             if module.startswith('pfd_core') and name.startswith('pfd_ros'):
-                yield f'{module} imports {name}'
+                found.append(f'{module} imports {name}')
             for package, order in ORDERS.items():
                 importer, imported = member(module, package), member(name, package)
                 if importer not in order or not imported or imported.startswith('_'):
                     continue
                 if imported != importer and imported not in order[importer]:
-                    yield f'{module} imports {name}'
+                    found.append(f'{module} imports {name}')
             outside = name.partition('.')[0]
             subpackages = RESERVED.get(outside)
             if subpackages is not None and not any(
                 f'{module}.'.startswith(f'{subpackage}.') for subpackage in subpackages
             ):
-                yield f'{module} imports {name}'
-
-
-def test_imports_point_one_way() -> None:
-    found = list(violations(modules()))
+                found.append(f'{module} imports {name}')
     assert not found, '\n'.join(found)
 
 
@@ -170,7 +170,7 @@ def test_the_docstring_of_each_package_is_a_map_of_its_modules() -> None:
     for init in (path for path in modules().values() if path.name == '__init__.py'):
         members = {path.stem for path in init.parent.glob('*.py')} - {'__init__', '_types'}
         members |= {path.parent.name for path in init.parent.glob('*/__init__.py')}
-        docstring = ast.get_docstring(ast.parse(init.read_text(encoding='utf-8'))) or ''
+        docstring = ast.get_docstring(tree_of(init)) or ''
         lines = re.findall(r'^    (\w+)/? {2,}\S', docstring, re.MULTILINE)
         assert sorted(lines) == sorted(members), init
 
@@ -178,7 +178,7 @@ def test_the_docstring_of_each_package_is_a_map_of_its_modules() -> None:
 def defined(path: Path) -> set[str]:
     """Return the names that a module defines, those of the members of a class with its name."""
     found = set()
-    for node in ast.parse(path.read_text(encoding='utf-8')).body:
+    for node in tree_of(path).body:
         if isinstance(node, ast.ClassDef | ast.FunctionDef):
             found.add(node.name)
             members = [x for x in node.body if isinstance(x, ast.FunctionDef)]
@@ -213,7 +213,7 @@ def unknown_names(docstring: str, found: dict[str, Path]) -> list[str]:
 )
 def test_every_name_in_the_docstring_of_a_package_exists(package: str) -> None:
     found = modules()
-    docstring = ast.get_docstring(ast.parse(found[package].read_text(encoding='utf-8'))) or ''
+    docstring = ast.get_docstring(tree_of(found[package])) or ''
     assert unknown_names(docstring, found) == []
     wrong = ['arm.nothing', 'node.report.nothing', 'nothing.report.Report', 'docs/nothing.md']
     wrong += ['node.report.Report.nothing', 'pfd_core.dynamics.nothing']
@@ -227,7 +227,7 @@ def test_names_of_functions_that_tables_load_at_first_use_exist() -> None:
     found = {
         node.value
         for path in (ROOT / 'pfd_core').rglob('*.py')
-        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8')))
+        for node in ast.walk(tree_of(path))
         if isinstance(node, ast.Constant)
         and isinstance(node.value, str)
         and name.fullmatch(node.value)

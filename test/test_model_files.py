@@ -522,8 +522,8 @@ def test_each_way_to_read_a_described_robot_gives_the_same_one(
     assert urdf is not None
     assert pfd.load_robot(urdf) == robot
     assert pfd.load_robot(pfd.urdf_of(path), tip='flange') == robot
-    assert pfd.load_robot(path, tip='fore').tip == 'fore'
-    assert pfd.locked_joints(path, locked={'el*': 0.5}) == {'elbow': 0.5}
+    assert pfd.load_robot(PLAIN_BENCH, tip='fore').tip == 'fore'
+    assert pfd.locked_joints(PLAIN_BENCH, locked={'el*': 0.5}) == {'elbow': 0.5}
     longer = pfd.load_robot(path, xacro={'length': 0.6})
     assert longer.base_position[2] == pytest.approx(0.6)
 

@@ -380,7 +380,7 @@ def test_the_view_ends_with_the_arm_however_that_ends(processes, number):
 # In a browser.
 
 # The arm hangs down for this time [s], and points up as long.
-HANGING = 4.0
+HANGING = 2.0
 # Parts of a picture: an arm, and an arrow.
 LEAST, ARROW = 0.005, 0.0005
 # Swiftshader draws each pixel on a processor.
@@ -418,7 +418,8 @@ def seen(shown: Page, other: np.ndarray | None = None) -> np.ndarray:
         shares[:] = found.mean(), 1.0 if other is None else (found ^ other).mean()
         return min(shares) > LEAST
 
-    wait_until(came, lambda: f'parts that are magenta, and that moved: {shares}; {shown.console}')
+    told = 'parts that are magenta, and that moved'
+    wait_until(came, lambda: f'{told}: {shares}; {shown.console}', pause=0.2)
     return found
 
 
@@ -427,7 +428,7 @@ def height(arm: np.ndarray) -> float:
     return arm.shape[0] - float(np.nonzero(arm)[0].mean())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @needs_browser
 def test_the_arm_of_a_log_is_in_the_page_and_moves_with_time_and_its_push_is_seen(pushed, browser):
     with view_page(0, 'test') as server:
@@ -458,6 +459,8 @@ def test_the_exported_page_plays_from_disk_without_network(pushed, tmp_path, bro
     with browser.shows(target.as_uri(), SIZE) as shown:
         # It plays by itself, from its start and again and again.
         seen(shown, seen(shown))
+        for pushed_now in (True, False):
+            wait_until(lambda now=pushed_now: (red(shown) > ARROW) == now, pause=0.2)
 
 
 @pytest.mark.long

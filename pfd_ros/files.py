@@ -39,9 +39,12 @@ def new_file(path: Path, mode: str = 'xb', **options: Any) -> Iterator[Any]:
     OSError
         If it exists or cannot be written.
     """
-    with path.open(mode, **options) as stream:
-        try:
+    stream = path.open(mode, **options)
+    try:
+        with stream:  # closing writes, too
             yield stream
-        except BaseException:
-            path.unlink(missing_ok=True)
-            raise
+    except BaseException as error:
+        path.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.filename is None and error.strerror:
+            raise OSError(error.errno, error.strerror, str(path)) from error
+        raise

@@ -23,7 +23,7 @@ from typing import NoReturn
 from pfd_ros.cli.terminal import Command
 from pfd_ros.extras import install
 from pfd_ros.node.main import Stop, stop_on_signals
-from pfd_ros.text import one_line
+from pfd_ros.text import listed, one_line
 
 # Exit status after Ctrl-C, as in shells; and if the reader of the output closed the pipe, as after
 # SIGPIPE.
@@ -117,7 +117,7 @@ def _run(words: list[str], stop: Stop | None) -> int:
     # Arguments for ROS, which argparse would reject.
     cut = words.index('--ros-args') if '--ros-args' in words else len(words)
     parse = parser(commands)
-    given = parse.parse_args(words[:cut])
+    given, unknown = parse.parse_known_args(words[:cut])
     if given.version:
         import pfd_core as pfd
 
@@ -125,9 +125,10 @@ def _run(words: list[str], stop: Stop | None) -> int:
         return 0
     if given.command is None:
         parse.error(f'no COMMAND, expected one of {", ".join(COMMANDS)}')
-    given.ros_args, given.stop = words[cut:], stop
+    given.ros_args, given.stop = [*unknown, *words[cut:]], stop  # the node names what is unknown
     if given.ros_args and given.command != 'sim':
-        parse.error(f'{given.command} takes no --ros-args')
+        parse.prog += f' {given.command}'
+        parse.error(f'unknown arguments {listed(given.ros_args)}')
     command = commands[given.command]
     if command.needs_ros(given) and importlib.util.find_spec('rclpy') is None:
         print(f'pfd: {NO_ROS}{install("ros")}', file=sys.stderr)

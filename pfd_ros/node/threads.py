@@ -70,7 +70,9 @@ def reason(error: Exception) -> str:
     """Return one line about a mistake of the user, which names the file that it is about."""
     if isinstance(error, OSError) and error.filename and error.strerror:
         return one_line(f'{error.filename}: {error.strerror}')
-    return one_line(error)
+    # Without a home folder that can be written, as in containers.
+    hint = '; ROS_LOG_DIR=FOLDER chooses another' if 'initialize logging' in str(error) else ''
+    return one_line(f'{error}{hint}')
 
 
 def described(error: BaseException) -> str:

@@ -20,7 +20,7 @@ from typing import Any
 from arm_messages import efforts
 from packaging.requirements import Requirement
 import pytest
-from recordings import busy, rewritten, simulate
+from recordings import busy, largest_file, rewritten, simulate
 from ros_processes import PATIENCE, environment
 
 from pfd_ros.cli import doctor
@@ -377,6 +377,15 @@ def test_a_full_disk_is_one_line(logs):
         done = process('info', f'{logs}/whole.mcap', stdout=full)
     assert done.returncode == 1
     assert re.fullmatch('pfd info: .*No space left on device\n', done.stderr)
+
+
+@pytest.mark.parametrize('size', [10, 10_000])
+def test_a_file_that_a_full_disk_cuts_off_is_named_and_removed(size, tmp_path):
+    path = tmp_path / 'planar2.urdf'
+    with largest_file(size):
+        found = command('urdf', 'planar2', '--out', str(path))
+    assert (found[0], path.exists()) == ((1, False) if size == 10 else (0, True))
+    assert found[2] == f'pfd urdf: {path}: File too large\n' * (size == 10)
 
 
 # What is imported, and help.

@@ -434,12 +434,24 @@ def test_a_process_with_a_bad_parameter_ends_so_too(processes):
             "sim_arm: arguments of xacro, 'name', are for a xacro file, and the robot is none",
         ),
         (SIM, ('ur5',), "sim_arm: unknown arguments ['ur5']; parameters follow --ros-args -p"),
+        (
+            SIM,
+            ('-p', 'a'),
+            "sim_arm: unknown arguments ['a', '-p']; parameters follow --ros-args -p",
+        ),
     ],
 )
 def test_a_parameter_without_its_option_is_named_with_the_cure(processes, start, args, text):
     process = processes.forked(*start, *args)
     assert process.process.wait(PATIENCE) == 1
     assert process.text() == f'{text}\n'
+
+
+def test_a_log_directory_that_cannot_be_written_is_named_with_the_cure(processes, monkeypatch):
+    monkeypatch.setenv('ROS_LOG_DIR', '/proc/none')
+    process = processes.forked(*NODE)
+    assert process.process.wait(PATIENCE) == 1
+    assert re.search("sim_arm: .*'/proc/none'.*ROS_LOG_DIR=FOLDER", process.text())
 
 
 def get(peer: Peer, name: str) -> Any:

@@ -286,15 +286,16 @@ def report(folder: Path, *args: object) -> int:
 
 
 def test_the_command_writes_the_scene_that_a_recording_needs(tmp_path, capsys):
-    pfd.Scene(armature='model').save(tmp_path / 'scene.yaml')
+    scene = pfd.Scene(armature=(0.1, 0.01))
+    scene.save(tmp_path / 'scene.yaml')
     path = tmp_path / 'a.mcap'
-    simulate(path, 300, {1: [efforts(*[5.0] * 6)]}, robot='puma560')
-    given = ('--trajectory', path, '--robot', 'puma560', '--tolerance', 1e-3)
+    simulate(path, 300, {1: [efforts(5.0, 5.0)]})
+    given = ('--trajectory', path, '--robot', 'planar2', '--tolerance', 1e-3)
     assert report(tmp_path, *given, '--scene', tmp_path / 'scene.yaml') == 0
     printed = capsys.readouterr().out.splitlines()
     assert printed[-1] == str(tmp_path / 'small.yaml')
-    robot, _, motion = read_motion(path, 'puma560')
-    advice = advise(robot, pfd.Scene(armature='model', brakes=True), motion, 1e-3)
+    robot, _, motion = read_motion(path, 'planar2')
+    advice = advise(robot, replace(scene, brakes=True), motion, 1e-3)
     names = ['gravity', 'armature', 'brakes']
     assert [*advice.rows][:-2] == names == [line.split()[0] for line in printed[3:6]]
     assert pfd.load_scene(tmp_path / 'small.yaml') == advice.scene

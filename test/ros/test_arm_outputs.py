@@ -186,12 +186,13 @@ def test_the_outputs_fulfil_the_equation_of_motion_with_a_wrench_on_the_tip():
 
 @pytest.mark.parametrize('method', ['auto', 'pcrbm'])
 def test_a_payload_that_comes_while_the_arm_runs_is_in_the_model_from_the_next_cycle_on(method):
-    engine = made(**{**UR5, 'outputs': ('inertia_matrix', 'gravity_torques')}, method=method)
-    before = moved(engine)
+    outputs = ('inertia_matrix', 'gravity_torques')
+    engine = made(joints=('elbow', 'shoulder'), **START, outputs=outputs, method=method)
+    before = told(engine, efforts(1.0, 2.0), cycles=100)
     assert verdict(engine, change(payload_mass=2.0, payload_center=[0.0, 0.0, 0.1])).accepted
     after = {m.role: m.data for m in engine.step()[0]}
     order, q = engine.order, engine.state.rows[engine.state.now, 0]
-    scene = pfd.Scene(armature='model', payload=engine.plant.scene.payload)
+    scene = pfd.Scene(payload=engine.plant.scene.payload)
     for role, turned in (('inertia_matrix', np.ix_(order, order)), ('gravity_torques', order)):
         wanted = pfd.compile_kernel(engine.robot, quantity=role, scene=scene)(q)[turned]
         # A payload that comes later may be an input of the compiled code.

@@ -270,7 +270,7 @@ def test_the_order_of_the_joints_permutes_efforts_without_names(swing):
 
 
 def test_start_and_numbers_of_each_joint_follow_their_joints(tmp_path):
-    settings = {'joint_friction': (0.3, 0.4), 'joints': ('elbow', 'shoulder')}
+    settings = {'joint_damping': (0.3, 0.4), 'joints': ('elbow', 'shoulder')}
     settings['initial_positions'] = (0.1, 0.2)
     # Numbers that were set while it ran follow, too.
     events = {3: [efforts(1.0, 2.0)], 20: [change(bias_position=[0.0, 0.5])]}
@@ -278,53 +278,52 @@ def test_start_and_numbers_of_each_joint_follow_their_joints(tmp_path):
     for words in (['joints=[shoulder, elbow]'], ['joints=[]'], ['robot=planar2', 'joints=[]']):
         found = what_if(tmp_path / 'a.mcap', words)
         assert found.settings.initial_positions == (0.2, 0.1)
-        assert found.settings.joint_friction == (0.4, 0.3)
+        assert found.settings.joint_damping == (0.4, 0.3)
         assert set(numbers(found, 'position')) == {0.0}
     robot = with_wrist(tmp_path / 'three.urdf')
-    other = what_if(tmp_path / 'a.mcap', [f'robot={robot}', 'friction.wrist=0.5']).settings
+    other = what_if(tmp_path / 'a.mcap', [f'robot={robot}', 'damping.wrist=0.5']).settings
     assert other.initial_positions == (0.2, 0.1, 0.0)
-    assert other.joint_friction == (0.4, 0.3, 0.5)
+    assert other.joint_damping == (0.4, 0.3, 0.5)
 
 
 def test_numbers_of_joints_are_changed_in_each_spelling(tmp_path):
-    settings = {'joint_friction': (1.0, 2.0), 'static_friction': (1.0, 9.0)}
-    simulate(tmp_path / 'a.mcap', 3, **settings)
-    for words, friction, static in (
-        (['friction={"elbow": 3.0}'], (1.0, 3.0), (1.0, 9.0)),
-        (['friction=[0.5, 3]'], (0.5, 3.0), (1.0, 9.0)),
-        (['friction.elbow=3', 'static_friction.elbow=8'], (1.0, 3.0), (1.0, 8.0)),
+    simulate(tmp_path / 'a.mcap', 3, servo_p=(1.0, 2.0), servo_d=(1.0, 9.0))
+    for words, stiffness, damping in (
+        (['servo_p={"elbow": 3.0}'], (1.0, 3.0), (1.0, 9.0)),
+        (['servo_p=[0.5, 3]'], (0.5, 3.0), (1.0, 9.0)),
+        (['servo_p.elbow=3', 'servo_d.elbow=8'], (1.0, 3.0), (1.0, 8.0)),
     ):
         found = what_if(tmp_path / 'a.mcap', words).settings
-        assert (found.joint_friction, found.static_friction) == (friction, static)
+        assert (found.servo_p, found.servo_d) == (stiffness, damping)
 
 
-def with_friction(path: Path, *friction: float) -> str:
-    """Write planar2, for three numbers with a wrist, with friction and damping in the model."""
+def with_damping(path: Path, *damping: float) -> str:
+    """Write planar2, for three numbers with a wrist, with damping in the model."""
     text = with_wrist(path).read_text()
-    if len(friction) == 2:
+    if len(damping) == 2:
         text = pfd.robot_to_urdf(pfd.load_robot('planar2'))
     heads = re.findall('<joint [^>]*type="[cr][^>]*>', text)
-    for head, number in zip(heads, friction, strict=True):
-        text = text.replace(head, f'{head}<dynamics friction="{number}" damping="{number}"/>')
+    for head, number in zip(heads, damping, strict=True):
+        text = text.replace(head, f'{head}<dynamics damping="{number}"/>')
     path.write_text(text)
     return str(path)
 
 
 def test_numbers_that_were_defaults_are_those_of_the_new_model_convention_and_switch(tmp_path):
-    path, three = tmp_path / 'a.mcap', with_friction(tmp_path / 'three.urdf', 5.0, 6.0, 7.0)
-    usual = {'convention': 'franka', 'friction': True, 'damping': True}
-    # As the node holds friction.elbow, viscous_scale.elbow and servo_p.elbow.
-    usual |= {'joint_friction': (1.0, 3.0), 'viscous_scale': (1.0, 0.5), 'servo_p': (0.0, 4.0)}
-    usual['robot'] = with_friction(tmp_path / 'two.urdf', 1.0, 2.0)
+    path, three = tmp_path / 'a.mcap', with_damping(tmp_path / 'three.urdf', 5.0, 6.0, 7.0)
+    usual = {'convention': 'franka', 'damping': True}
+    # As the node holds damping.elbow, viscous_scale.elbow and servo_p.elbow.
+    usual |= {'joint_damping': (1.0, 3.0), 'viscous_scale': (1.0, 0.5), 'servo_p': (0.0, 4.0)}
+    usual['robot'] = with_damping(tmp_path / 'two.urdf', 1.0, 2.0)
     simulate(path, 9, {3: [efforts(1.0, 2.0)], 5: [change(servo_p=[1.0, 2.0])]}, **usual)
-    for words, friction, scale in (
+    for words, damping, scale in (
         ([f'robot={three}'], (5, 3, 7), (1, 0.5, 1)),
-        (['friction=false'], (0, 3), (1, 0.5)),
+        (['damping=false'], (0, 3), (1, 0.5)),
         (['convention=plain'], (1, 3), (0, 0.5)),
-        (['friction.shoulder=9'], (9, 3), (1, 0.5)),
+        (['damping.shoulder=9'], (9, 3), (1, 0.5)),
     ):
         found = what_if(path, words).settings
-        assert (found.joint_friction, found.viscous_scale) == (friction, scale)
+        assert (found.joint_damping, found.viscous_scale) == (damping, scale)
     # What was set while it ran is of the joints of the log. What a convention sets is stated.
     scales = ['viscous_scale=[1, 1, 1]', 'coulomb_scale=[1, 1, 1]']
     found = what_if(path, [f'robot={three}', 'servo_p.wrist=7', 'convention=ur', *scales])
@@ -334,20 +333,20 @@ def test_numbers_that_were_defaults_are_those_of_the_new_model_convention_and_sw
 
 
 def test_a_scene_file_takes_the_place_of_all_effects(tmp_path):
-    settings = {'joint_friction': (0.3, 0.4), 'gravity': (0.0, 0.0, -1.0)}
+    settings = {'joint_damping': (0.3, 0.4), 'gravity': (0.0, 0.0, -1.0)}
     events = {3: [efforts(1.0, 2.0)]}
     simulate(tmp_path / 'a.mcap', 80, events, **settings)
-    scene = pfd.Scene(friction=(0.1, 0.2), external_wrench=True)
+    scene = pfd.Scene(damping=(0.1, 0.2), external_wrench=True)
     scene.save(tmp_path / 'scene.yaml')
     found = what_if(tmp_path / 'a.mcap', [f'scene={tmp_path / "scene.yaml"}'])
     simulate(tmp_path / 'b.mcap', 80, events, scene=pfd.scene_to_yaml(scene))
     assert states_of(found.log) == states_of(tmp_path / 'b.mcap')
     assert len(read_log(found.log)['/sim_arm/tip_wrench']) == 80
-    with pytest.raises(ValueError, match=r'friction cannot be changed by itself.*scene=FILE'):
-        what_if(found.log, ['friction=[1, 2]'])
+    with pytest.raises(ValueError, match=r'damping cannot be changed by itself.*scene=FILE'):
+        what_if(found.log, ['damping=[1, 2]'])
     # None of them.
     bare = what_if(found.log, ['scene=']).settings
-    assert (bare.scene, bare.joint_friction, bare.gravity) == ('', (), (0.0, 0.0, -9.81))
+    assert (bare.scene, bare.joint_damping, bare.gravity) == ('', (), (0.0, 0.0, -9.81))
 
 
 def test_what_the_log_changes_later_or_the_arm_validates_otherwise_is_stated(tmp_path):

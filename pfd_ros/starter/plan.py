@@ -112,7 +112,9 @@ def plan_of(arm: Arm) -> Plan:
     lacking = numbers['friction'] + TESTED_SHARE * largest * bandwidth**2 * large
     shift = (np.abs(np.linalg.inv(inertia)) @ lacking).max(axis=0) / bandwidth**2
     if (shift[free > 0] > free[free > 0]).any():
-        text = f'would reach its limits: with states at {1.0 / period:g} Hz friction and the loads '
+        text = (
+            f'would reach its limits: with states at {1.0 / period:g} Hz friction and the loads '
+        )
         text += 'of the tests shift it by {:.3g} of its range; a higher rate or, for a gripper, a '
         raise _refusal(robot, shift / width, f'{text}fixed joint helps')
     return Plan(start, end, duration, bandwidth, reason)

@@ -292,10 +292,15 @@ class Trajectory:
                 f'{self.time[-1] - self.time[0]:.6g} s of the trajectory'
             )
         first = int(np.argmax(late))
-        for j in [0] if goals is None else self._columns(joint):
+        columns = [0] if goals is None else self._columns(joint)
+        means = np.sqrt(np.mean(errors[first:] ** 2, axis=0))
+        bad = ~((errors[first:] <= within).all(axis=0) & (means <= rms))
+        # The one that is at fault may be any of them.
+        joints = [] if goals is None else [j for j in columns if bad[j]]
+        for j in columns:
             name = 'the tip' if goals is None else f'joint {self.names[j]!r}'
             unit = 'm' if goals is None else self._unit('position', j)
-            column, joints = errors[first:, j], [] if goals is None else [j]
+            column = errors[first:, j]
             if not (column <= within).all():
                 k = first + int(np.argmax(~(column <= within)))
                 target = '' if goals is None else f' {goals[k, j]:.6g} {unit}'
@@ -305,11 +310,10 @@ class Trajectory:
                     f't = {self.time[first]:.6g} s on',
                     *(k, joints, goals, within),
                 )
-            mean = math.sqrt(float(np.mean(column**2)))
-            if not mean <= rms:
+            if not means[j] <= rms:
                 k = first + int(np.argmax(column))
                 raise self._fail(
-                    f'the error of {name} has an rms of {mean:.6g} {unit}, expected at most '
+                    f'the error of {name} has an rms of {means[j]:.6g} {unit}, expected at most '
                     f'{rms:.6g} {unit}; the largest is {errors[k, j]:.6g} {unit} at '
                     f't = {self.time[k]:.6g} s',
                     *(k, joints, goals, rms),
@@ -395,6 +399,8 @@ class Trajectory:
         if hits:
             shown = hits[:MOST_LISTED]
             text = '; '.join([*map(str, shown), *['...'] * (len(hits) > MOST_LISTED)])
+            if hits[0].kind == 'position' and hits[0].time == self.time[0]:
+                text += '; the motion begins there: initial_positions or set_state changes it'
             joints = sorted({self.index(hit.joint) for hit in shown})
             raise self._fail(text, int(np.searchsorted(self.time, hits[0].time)), joints)
 

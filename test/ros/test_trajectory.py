@@ -122,6 +122,8 @@ def test_a_failed_assertion_names_joint_time_value_and_bound():
         "joint 'a' is 0.2 rad or m from its target 1 rad or m at t = 0.2 s, expected within "
         '0.05 rad or m from t = 0.2 s on'
     )
+    # Each joint that fails has its line: the second one may be at fault.
+    assert [x.split(':')[0] for x in str(settles.value).splitlines()[1:]] == ['  a', '  b']
     with pytest.raises(AssertionError) as beyond:
         found.assert_overshoot_below(0.25, 1.0)
     assert str(beyond.value).splitlines()[0] == (

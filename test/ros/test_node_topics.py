@@ -54,119 +54,6 @@ class Running(NamedTuple):
     peer: Peer
 
 
-@pytest.fixture(scope='module')
-def arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
-    """Return an arm for many tests, whose recording verifies in the end."""
-    # Without damping it would run away in a minute, on a slow machine.
-    settings = ('recording:=arm.mcap', 'start_time:=100.0', 'frame_id:=base', *DEPTHS)
-    processes, peer = Processes(tmp_path_factory.mktemp('topics')), None
-    try:
-        process = processes.faulty(
-            'reports_often', *settings, 'external_wrench:=true', 'damping:=true'
-        )
-        peer = Peer(processes.domain)
-        peer.connect()
-        yield Running(process, peer)
-        process.stop()
-        assert verify_log(processes.folder / 'arm.mcap').complete
-    finally:
-        if peer is not None:
-            peer.close()
-        processes.close()
-
-
-def test_a_torque_goes_in_and_a_moving_arm_comes_out(arm):
-    peer = arm.peer
-    first = peer.states[0]
-    assert (list(first.name), first.header.frame_id) == (list(JOINTS), 'base')
-    assert first.position.tolist() == first.velocity.tolist() == first.effort.tolist() == [0] * 6
-    assert stamp_ns(first) > 100_000_000_000
-    peer.command(JOINTS, [2.0] * 6)
-    peer.wait(lambda: peer.states[-1].effort.tolist() == [2.0] * 6)
-    peer.let_pass()
-    assert all(peer.states[-1].velocity)
-    stamps = [stamp_ns(state) for state in peer.states]
-    assert all(step % MILLISECOND == 0 and step > 0 for step in np.diff(stamps))
-    ticks = [stamp_ns(clock) for clock in peer.clocks]
-    assert len(ticks) > 1
-    assert all(tick % MILLISECOND == 0 for tick in ticks)
-    assert ticks == sorted(ticks)
-
-
-# Label, names, efforts, and other fields, of messages that change nothing; test_arm_rules has all.
-REJECTED: list[tuple[str, list[str], list[float], dict[str, Any]]] = [
-    ('ragged', list(JOINTS), [1.0] * 5, {}),
-    ('no_effort', list(JOINTS), [], {'velocity': ONE, 'position': ONE}),
-    ('stale', list(JOINTS), ONE, {'stamp': 99}),
-    *(('unknown_names', [name], [1.0], {}) for name in ('{0}', '%s%n', 'a\nb', 'x' * 10_000)),
-]
-
-
-def test_commands_are_taken_or_rejected_with_a_reason_on_a_topic_and_in_the_log(arm):
-    from std_msgs.msg import String
-
-    peer, heard = arm.peer, list[str]()
-    rejected = peer.node.create_subscription(
-        String, '/sim_arm/rejected', lambda message: heard.append(message.data), 50
-    )
-    peer.wait(lambda: peer.node.count_publishers('/sim_arm/rejected') == 1)
-    peer.plain_command([2.0] * 6)
-    peer.wait(lambda: peer.states[-1].effort.tolist() == [2.0] * 6)
-    wanted: Counter[tuple[str, ...]] = Counter()
-    for label, names, effort, other in REJECTED:
-        peer.command(names, effort, **other)
-        wanted['joint_commands', label] += 1
-        peer.let_pass(10)
-    peer.command(JOINTS, [NAN] * 6)
-    wanted['joint_commands', 'all_nan'] += 1
-    peer.let_pass(10)
-    peer.plain_command([0.0] * 1000)
-    peer.command(['x' * 1_000_000], [0.0])
-    wanted |= Counter({('commands', 'wrong_size'): 1, ('joint_commands', 'malformed'): 1})
-    peer.wait(lambda: len(heard) == sum(wanted.values()))
-    assert Counter(tuple(text.split('\n')[0].split()) for text in heard) == wanted
-    assert peer.states[-1].effort.tolist() == [2.0] * 6
-    peer.command(['joint1', 'joint7', 'joint3', 'joint2'], [1.0, 7.0, 4.0, NAN], stamp=100)
-    peer.wait(lambda: peer.states[-1].effort.tolist() == [1.0, 2.0, 4.0, 2.0, 2.0, 2.0])
-    peer.plain_command([0.6, 0.5, 0.4, 0.3, 0.2, 0.1])
-    peer.wait(lambda: peer.states[-1].effort.tolist() == [0.6, 0.5, 0.4, 0.3, 0.2, 0.1])
-    for text in (
-        *('ragged (6 names and', 'no_effort (expected', 'unknown joints in messages'),
-        *('all_nan (NaN for', "have NaN for ['joint2']: the last command is kept"),
-        *('wrong_size (1000 numbers for 6 joints)', f'bytes, expected {LARGEST_INPUT} at most'),
-    ):
-        arm.process.wait_for_text(text)
-    assert max(map(len, arm.process.text().splitlines())) < 700
-    peer.node.destroy_subscription(rejected)
-
-
-def test_a_trajectory_of_efforts_moves_the_arm_from_point_to_point(arm):
-    from builtin_interfaces.msg import Duration
-    from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-
-    peer = arm.peer
-    points = [
-        JointTrajectoryPoint(effort=[effort] * 6, time_from_start=Duration(nanosec=at * 10**8))
-        # No number of the way from 0 to the first point, by steps of 0.01.
-        for at, effort in ((1, 1.0), (3, 0.2525))
-    ]
-    plan = JointTrajectory(joint_names=list(JOINTS), points=points)
-    peer.send('/sim_arm/joint_trajectory', plan)
-    peer.wait(lambda: peer.states[-1].effort.tolist() == [0.2525] * 6)
-    efforts = np.array([state.effort[0] for state in peer.states])
-    assert ((efforts > 0.3) & (efforts < 0.95)).any()
-
-
-def test_a_joint_without_a_command_is_braked_and_a_reset_brakes_all(arm):
-
-    peer = arm.peer
-    assert trigger(peer, 'reset').success
-    peer.wait(lambda: not any(peer.states[-1].position))
-    peer.command(['joint3'], [3.0])
-    peer.wait(lambda: peer.states[-1].effort.tolist() == [0, 0, 3.0, 0, 0, 0])
-    assert [bool(v) for v in peer.states[-1].velocity] == [k == 2 for k in range(6)]
-
-
 def kind_of(package: str, name: str) -> Any:
     return getattr(import_module(f'{package}.msg'), name)
 
@@ -249,13 +136,13 @@ def test_readers_get_every_output_and_the_recording_verifies(processes, peer_of)
     chosen = {
         'outputs': f'[{", ".join(OPTIONAL_OUTPUTS)}]',
         'noise.position': '0.001',
-        f'bias.position.{JOINTS[0]}': '0.5',
+        'bias.position.shoulder': '0.5',
         'drop.state': '0.25',
         'seed': '7',
         'publish_rate': '200.0',
         'recording': 'arm.mcap',
     }
-    arm = processes.arm(*(f'{name}:={value}' for name, value in chosen.items()))
+    arm = processes.arm('robot:=planar2', *(f'{name}:={value}' for name, value in chosen.items()))
     peer = peer_of(processes)
     got: dict[str, list[Any]] = {name: [] for name in OPTIONAL_OUTPUTS}
     for name in OPTIONAL_OUTPUTS:
@@ -268,9 +155,9 @@ def test_readers_get_every_output_and_the_recording_verifies(processes, peer_of)
     arm.stop()
 
     for name in ('external_torques', 'bias_torques', 'gravity_torques', 'true_states'):
-        assert tuple(got[name][0].name) == JOINTS
-    assert [d.size for d in got['inertia_matrix'][0].layout.dim] == [6, 6]
-    assert len(got['tip_jacobian'][0].data) == 36
+        assert tuple(got[name][0].name) == ('shoulder', 'elbow')
+    assert [d.size for d in got['inertia_matrix'][0].layout.dim] == [2, 2]
+    assert len(got['tip_jacobian'][0].data) == 12
     # A brake holds the joints: values in joint_states other than 0 are sensor errors.
     assert not any(got['true_states'][-1].position)
     assert all(abs(state.position[0] - 0.5) < 0.01 for state in peer.states)
@@ -320,9 +207,9 @@ def test_topics_types_and_the_order_of_joints_are_logged_and_once_that_nobody_co
 def test_a_good_peer_causes_no_log_line(processes, peer_of):
     # Without gravity the arm stays where it is, however long the reports take.
     peer = peer_of(processes)
-    arm = reporting_often(processes, 'gravity:=[0.0, 0.0, 0.0]')
+    arm = reporting_often(processes, 'robot:=planar2', 'gravity:=[0.0, 0.0, 0.0]')
     peer.connect()
-    peer.command(JOINTS, [0.0] * 6)
+    peer.command(['shoulder', 'elbow'], [0.0] * 2)
     wait_for_reports(arm)
     assert '[ERROR]' not in arm.text()
     # Only the machine may be too slow.
@@ -627,3 +514,119 @@ def test_diagnostics_are_of_one_plant_while_the_arm_takes_over_another():
     for _ in range(4):
         names = [status.name for status in diagnostics.tasks()]
         assert names == ['stepping', 'commands', 'simulation', 'recording']
+
+
+# One arm for several tests, the last ones: it runs until the module ends.
+
+
+@pytest.fixture(scope='module')
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    """Return an arm for many tests, whose recording verifies in the end."""
+    # Without damping it would run away in a minute, on a slow machine.
+    settings = ('recording:=arm.mcap', 'start_time:=100.0', 'frame_id:=base', *DEPTHS)
+    processes, peer = Processes(tmp_path_factory.mktemp('topics')), None
+    try:
+        process = processes.faulty(
+            'reports_often', *settings, 'external_wrench:=true', 'damping:=true'
+        )
+        peer = Peer(processes.domain)
+        peer.connect()
+        yield Running(process, peer)
+        process.stop()
+        assert verify_log(processes.folder / 'arm.mcap').complete
+    finally:
+        if peer is not None:
+            peer.close()
+        processes.close()
+
+
+def test_a_torque_goes_in_and_a_moving_arm_comes_out(arm):
+    peer = arm.peer
+    first = peer.states[0]
+    assert (list(first.name), first.header.frame_id) == (list(JOINTS), 'base')
+    assert first.position.tolist() == first.velocity.tolist() == first.effort.tolist() == [0] * 6
+    assert stamp_ns(first) > 100_000_000_000
+    peer.command(JOINTS, [2.0] * 6)
+    peer.wait(lambda: peer.states[-1].effort.tolist() == [2.0] * 6)
+    peer.let_pass()
+    assert all(peer.states[-1].velocity)
+    stamps = [stamp_ns(state) for state in peer.states]
+    assert all(step % MILLISECOND == 0 and step > 0 for step in np.diff(stamps))
+    ticks = [stamp_ns(clock) for clock in peer.clocks]
+    assert len(ticks) > 1
+    assert all(tick % MILLISECOND == 0 for tick in ticks)
+    assert ticks == sorted(ticks)
+
+
+# Label, names, efforts, and other fields, of messages that change nothing; test_arm_rules has all.
+REJECTED: list[tuple[str, list[str], list[float], dict[str, Any]]] = [
+    ('ragged', list(JOINTS), [1.0] * 5, {}),
+    ('no_effort', list(JOINTS), [], {'velocity': ONE, 'position': ONE}),
+    ('stale', list(JOINTS), ONE, {'stamp': 99}),
+    *(('unknown_names', [name], [1.0], {}) for name in ('{0}', '%s%n', 'a\nb', 'x' * 10_000)),
+]
+
+
+def test_commands_are_taken_or_rejected_with_a_reason_on_a_topic_and_in_the_log(arm):
+    from std_msgs.msg import String
+
+    peer, heard = arm.peer, list[str]()
+    rejected = peer.node.create_subscription(
+        String, '/sim_arm/rejected', lambda message: heard.append(message.data), 50
+    )
+    peer.wait(lambda: peer.node.count_publishers('/sim_arm/rejected') == 1)
+    peer.plain_command([2.0] * 6)
+    peer.wait(lambda: peer.states[-1].effort.tolist() == [2.0] * 6)
+    wanted: Counter[tuple[str, ...]] = Counter()
+    for label, names, effort, other in REJECTED:
+        peer.command(names, effort, **other)
+        wanted['joint_commands', label] += 1
+        peer.let_pass(10)
+    peer.command(JOINTS, [NAN] * 6)
+    wanted['joint_commands', 'all_nan'] += 1
+    peer.let_pass(10)
+    peer.plain_command([0.0] * 1000)
+    peer.command(['x' * 1_000_000], [0.0])
+    wanted |= Counter({('commands', 'wrong_size'): 1, ('joint_commands', 'malformed'): 1})
+    peer.wait(lambda: len(heard) == sum(wanted.values()))
+    assert Counter(tuple(text.split('\n')[0].split()) for text in heard) == wanted
+    assert peer.states[-1].effort.tolist() == [2.0] * 6
+    peer.command(['joint1', 'joint7', 'joint3', 'joint2'], [1.0, 7.0, 4.0, NAN], stamp=100)
+    peer.wait(lambda: peer.states[-1].effort.tolist() == [1.0, 2.0, 4.0, 2.0, 2.0, 2.0])
+    peer.plain_command([0.6, 0.5, 0.4, 0.3, 0.2, 0.1])
+    peer.wait(lambda: peer.states[-1].effort.tolist() == [0.6, 0.5, 0.4, 0.3, 0.2, 0.1])
+    for text in (
+        *('ragged (6 names and', 'no_effort (expected', 'unknown joints in messages'),
+        *('all_nan (NaN for', "have NaN for ['joint2']: the last command is kept"),
+        *('wrong_size (1000 numbers for 6 joints)', f'bytes, expected {LARGEST_INPUT} at most'),
+    ):
+        arm.process.wait_for_text(text)
+    assert max(map(len, arm.process.text().splitlines())) < 700
+    peer.node.destroy_subscription(rejected)
+
+
+def test_a_trajectory_of_efforts_moves_the_arm_from_point_to_point(arm):
+    from builtin_interfaces.msg import Duration
+    from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+    peer = arm.peer
+    points = [
+        JointTrajectoryPoint(effort=[effort] * 6, time_from_start=Duration(nanosec=at * 10**8))
+        # No number of the way from 0 to the first point, by steps of 0.01.
+        for at, effort in ((1, 1.0), (3, 0.2525))
+    ]
+    plan = JointTrajectory(joint_names=list(JOINTS), points=points)
+    peer.send('/sim_arm/joint_trajectory', plan)
+    peer.wait(lambda: peer.states[-1].effort.tolist() == [0.2525] * 6)
+    efforts = np.array([state.effort[0] for state in peer.states])
+    assert ((efforts > 0.3) & (efforts < 0.95)).any()
+
+
+def test_a_joint_without_a_command_is_braked_and_a_reset_brakes_all(arm):
+
+    peer = arm.peer
+    assert trigger(peer, 'reset').success
+    peer.wait(lambda: not any(peer.states[-1].position))
+    peer.command(['joint3'], [3.0])
+    peer.wait(lambda: peer.states[-1].effort.tolist() == [0, 0, 3.0, 0, 0, 0])
+    assert [bool(v) for v in peer.states[-1].velocity] == [k == 2 for k in range(6)]

@@ -319,7 +319,7 @@ def test_what_is_missing_before_the_first_state_is_named(controller_of):
             False,
             'other',
             True,
-            '^no controller within 3 s: /bare does not reply on /bare/get_parameters$',
+            '^no controller within 1.5 s: /bare does not reply on /bare/get_parameters$',
         ),
         (True, 'joint_states', True, 'another node publishes /joint_states'),
         (True, 'joint_states', False, 'another node publishes /joint_states'),
@@ -339,7 +339,7 @@ def test_a_node_elsewhere_that_cannot_be_in_lockstep_is_named(
     node.create_publisher(JointState, states, 1)
     node.create_subscription(JointState, 'joint_states', print, 1)
     with ur5(publish_clock=clock) as arm, pytest.raises(NoAnswerError, match=text):
-        arm.spin(0.1, start_patience=3.0)
+        arm.spin(0.1, start_patience=1.5)
     node.destroy_node()
 
 

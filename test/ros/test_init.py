@@ -454,9 +454,8 @@ def test_the_steps_of_the_action_install_test_and_keep_pages(folder):
     }
     home.mkdir()
     install, test, upload = steps(values)
-    for step, status in ((install, 0), (test, 0), (test, 1)):
-        if status:
-            replaced(package / 'mine' / 'law.py', '(r - q)', '(q - r)')
+    replaced(package / 'mine' / 'law.py', '(r - q)', '(q - r)')
+    for step, status in ((install, 0), (test, 1)):
         done = subprocess.run(
             ['bash', '--noprofile', '--norc', '-eo', 'pipefail', '-c', step['run']],
             cwd=home,

@@ -156,10 +156,10 @@ class _Player:
             self._publish_due()
         if self._failure is not None:
             raise self._failure
-        interrupted = self._stopped()
+        interrupted, seconds = self._stopped(), time.monotonic() - begun
         if not interrupted:
             self._wait_for_readers()
-        seconds, worst = time.monotonic() - begun, self._longest_late_ns * 1e-6
+        worst = self._longest_late_ns * 1e-6
         _say(f'published {self._sent} messages in {seconds:.3f} s, up to {self._position()}')
         count = self._late or 'no'
         _say(f'{count} messages were more than {LATE_NS * 1e-6:g} ms late, at most {worst:.1f} ms')

@@ -41,7 +41,7 @@ OFFSETS = f"""
   </body>
 </worldbody><actuator>
   <motor joint="a_fixed" gear="10" forcerange="-3 3"/><motor joint="a_fixed" forcerange="-5 5"/>
-  <motor joint="tool_fixed" ctrlrange="-0.5 0.2" gear="-4"/><motor joint="tip_site"/>
+  <motor joint="tool_fixed" ctrlrange="-0.5 0.5" gear="-4"/><motor joint="tip_site"/>
   <motor joint="d" forcerange="-9 9"/>
 </actuator></mujoco>
 """
@@ -160,11 +160,13 @@ def off(*flags: str) -> str:
 
 
 MOTOR = '<actuator><motor joint="a" gear="2"/></actuator>'
-LACKED = """<option gravity="0 0 -1.62" density="1.2"/><default><geom contype="1"/></default>
+LACKED = """<option gravity="0 0 -1.62" density="1.2" actuatorgroupdisable="0"/>
+<default><geom contype="1"/><joint actuatorfrcrange="-1 2"/></default>
 <equality><joint joint1="a" active="false"/></equality>
 <tendon><fixed><joint joint="a" coef="1"/></fixed></tendon>
 <actuator><position name="servo" joint="a" kp="9"/><general joint="a" dyntype="filter"/>
-  <motor joint="a" forcerange="-1 2"/><adhesion body="a" ctrlrange="0 1"/></actuator>"""
+  <motor joint="a" forcerange="-1 2"/><motor joint="a" ctrlrange="0 2"/>
+  <adhesion body="a" ctrlrange="0 1"/></actuator>"""
 
 
 @pytest.mark.parametrize(
@@ -176,8 +178,12 @@ LACKED = """<option gravity="0 0 -1.62" density="1.2"/><default><geom contype="1
                 *('springs of joints', 'gravity [0.0, 0.0, -1.62], which a scene sets', 'tendons'),
                 *('the fluid', 'equality constraints', 'contacts'),
                 "laws of actuators (such as kp and kv of servos) 'servo', 'actuator1'",
-                "the smaller side of forcerange 'actuator2'",
-                "actuators of other things than joints 'actuator3'",
+                "the smaller side of ctrlrange or forcerange 'actuator2', 'actuator3'",
+                *(
+                    'the smaller side of actuatorfrcrange',
+                    'groups of actuators that are switched off',
+                ),
+                "actuators of other things than joints 'actuator4'",
             },
         ),
         (

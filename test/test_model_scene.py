@@ -236,6 +236,7 @@ def test_a_file_may_be_written_by_hand() -> None:
         brakes: True
         external_wrench: TRUE
         armature: ~
+        stiffness: None
         torque_speed: [[[0, 1]], Null]
     """
     assert pfd.load_scene(text) == pfd.Scene(
@@ -258,6 +259,9 @@ def test_a_file_may_be_written_by_hand() -> None:
         ('damping: [1, yes]', "damping must be a number, got 'yes'"),
         ('damping: [-1]', r"YAML text': damping must not be negative"),
         ('brakes: 1', 'brakes must be True or False, got 1.0'),
+        ('brakes: off', "brakes must be True or False, got 'off'"),
+        ('friction: none', "friction must be None, 'model' or .* got 'none'"),
+        ('restitution: half', "restitution must be a number, got 'half'"),
         ('gravity: {x: 1}', 'gravity must be a number, a list or a word, got a table'),
         ('damping: {joint1: {a: 1}}', 'damping.joint1 must be a number, a list or a word'),
         ('payload: {center: [0, 0, 0]}', "payload has no 'mass'"),

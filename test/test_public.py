@@ -260,7 +260,10 @@ def wrong_calls() -> Iterator[Any]:
             [
                 ({}, 'steps is required without taus of several steps'),
                 ({'taus': torques, 'steps': 4}, 'taus has 5 steps, but steps=4'),
-                ({'taus': np.zeros((4, 5, 2))}, r'taus must have shape .* got \(4, 5, 2\)'),
+                (
+                    {'taus': np.zeros((4, 5, 2))},
+                    r'shape \(steps, 2\) or \(3, steps, 2\), got \(4, 5, 2\)',
+                ),
                 (
                     {'taus': torques, 'feedback': pfd.StateFeedback(np.zeros((2, 2)), 0.0)},
                     r'feedback.gain must have shape .* or \(2, 4\) or \(4,\), got \(2, 2\)',

@@ -85,6 +85,7 @@ def test_an_overflow_is_a_status_and_the_finite_steps_are_counted() -> None:
     assert trajectory.finite_steps == 3
     assert np.isfinite(trajectory.q[: trajectory.finite_steps]).all()
     assert not np.isfinite(trajectory.qdd[3]).all()
+    assert sim.wrapped[1].tolist() == [0, 0]
     sim.reset()
     assert sim.status == 'ok'
 

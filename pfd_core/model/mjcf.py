@@ -155,6 +155,12 @@ def _lost(mujoco: Any, model: Any) -> Iterator[str]:
         'contacts': 'CONTACT' not in off and collides,
         'the fluid': model.opt.density > 0 or model.opt.viscosity > 0,
         f'gravity {gravity}, which a scene sets': tuple(gravity) != GRAVITY,
+        'groups of actuators that are switched off': np.any(
+            getattr(model.opt, 'disableactuator', 0) >> model.actuator_group & 1
+        ),
+        'the smaller side of actuatorfrcrange': np.any(
+            model.jnt_actfrcrange[model.jnt_actfrclimited > 0].sum(axis=1)
+        ),
     }
     yield from (what for what, is_there in facts.items() if is_there)
     kinds: dict[str, list[int]] = {}
@@ -163,8 +169,8 @@ def _lost(mujoco: Any, model: Any) -> Iterator[str]:
             kinds.setdefault('actuators of other things than joints', []).append(k)
         elif not _is_motor(mujoco, model, k):
             kinds.setdefault('laws of actuators (such as kp and kv of servos)', []).append(k)
-        elif model.actuator_forcelimited[k] and model.actuator_forcerange[k].sum():
-            kinds.setdefault('the smaller side of forcerange', []).append(k)
+        elif len({*abs(_forces(mujoco, model, k))}) > 1:
+            kinds.setdefault('the smaller side of ctrlrange or forcerange', []).append(k)
     kinds['free bodies'] = _free(model)
     for what, found in kinds.items():
         kind = 'body' if found is kinds['free bodies'] else 'actuator'
@@ -333,25 +339,32 @@ def _add_joint(
     return joint
 
 
+def _first(model: Any, name: str, k: int) -> int:
+    """Return the place of the first control ('ctrl') or force ('out') of an actuator."""
+    places = getattr(model, f'actuator_{name}adr', None)
+    return k if places is None else int(places[k])
+
+
+def _forces(mujoco: Any, model: Any, k: int) -> Array:
+    """Return the least and the largest force of an actuator, before its gear, (2,)."""
+    found = np.array([-math.inf, math.inf])
+    if model.actuator_forcelimited[k]:
+        found = model.actuator_forcerange[k].copy()
+    control, clamped = _first(model, 'ctrl', k), not _is_off(mujoco, model, 'CLAMPCTRL')
+    if clamped and _is_motor(mujoco, model, k) and model.actuator_ctrllimited[control]:
+        ends = model.actuator_gainprm[k, 0] * model.actuator_ctrlrange[control]
+        found = np.clip(np.sort(ends), *found)
+    return found
+
+
 def _effort(mujoco: Any, model: Any, j: int) -> float:
     """Return the largest force or torque of the motors of a joint."""
-    count = len(model.actuator_trntype)
-    # An actuator may have several controls and forces.
-    controls, forces = (
-        getattr(model, f'actuator_{name}adr', range(count)) for name in ('ctrl', 'out')
-    )
-    clamped = not _is_off(mujoco, model, 'CLAMPCTRL')
     each = []
-    for k in range(count):
+    for k in range(len(model.actuator_trntype)):
         if model.actuator_trntype[k] > IN_PARENT or model.actuator_trnid[k, 0] != j:
             continue
-        most = float(abs(model.actuator_forcerange[k]).max())
-        most = most if model.actuator_forcelimited[k] else math.inf
-        if clamped and _is_motor(mujoco, model, k) and model.actuator_ctrllimited[controls[k]]:
-            largest = abs(model.actuator_ctrlrange[controls[k]]).max()
-            most = min(most, float(abs(model.actuator_gainprm[k, 0]) * largest))
-        gear = float(abs(model.actuator_gear[forces[k], 0]))
-        each.append(gear * most if gear else 0.0)
+        gear = float(abs(model.actuator_gear[_first(model, 'out', k), 0]))
+        each.append(gear * float(abs(_forces(mujoco, model, k)).max()) if gear else 0.0)
     most = sum(each) if each else math.inf
     if model.jnt_actfrclimited[j]:
         most = min(most, float(abs(model.jnt_actfrcrange[j]).max()))

@@ -9,7 +9,7 @@ stops and the lag of motors act over a step of time, in pfd_core.simulation.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
 from typing import Any
@@ -211,13 +211,14 @@ def _limits_motors(plant: Plant) -> bool:
     return any(FIELDS[name].acts == MOTORS for name in plant.effects)
 
 
-def check_instant(plant: Plant) -> None:
-    """Raise ValueError for effects that act over a step of time, not at an instant."""
-    over = [key for key in FIELDS if key in plant.effects and FIELDS[key].acts == STEP]
+def check_instant(plant: Plant, fields: Iterable[str] = FIELDS) -> None:
+    """Raise ValueError for effects, of these, that act over a step of time, not at an instant."""
+    over = [key for key in fields if key in plant.effects and FIELDS[key].acts == STEP]
     if over:
+        s, them = ('s', 'it') if len(over) == 1 else ('', 'them')
         raise ValueError(
-            f'{quote_all(over)} of the scene act over a step of time, not at an instant: '
-            'simulate with Simulator or Ensemble, or leave them out of the scene'
+            f'{quote_all(over)} of the scene act{s} over a step of time, not at an instant: '
+            f'simulate with Simulator or Ensemble, or leave {them} out of the scene'
         )
 
 

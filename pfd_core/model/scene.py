@@ -11,6 +11,7 @@ robot with as many joints as its arrays have.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache, wraps
 import hashlib
@@ -36,8 +37,8 @@ from pfd_core.model.yaml_files import YAML_WORDS, numbers, read_yaml, table, yam
 
 # Values of all joints, or of some by their names.
 JointValues: TypeAlias = ArrayLike | Mapping[str, Any]
-# Words of a scene file that are no numbers.
-WORDS = YAML_WORDS | {word: word for word in (MODEL, ESTIMATED, INPUT)}
+# Words of a scene file that are no numbers; errors say None.
+WORDS = YAML_WORDS | {'None': None} | {word: word for word in (MODEL, ESTIMATED, INPUT)}
 
 
 @dataclass(frozen=True)
@@ -276,6 +277,10 @@ def _scene_of(label: str, value: Any) -> Scene:
             given[key] = _scene_of(key, item)
         elif isinstance(item, Mapping) and FIELDS[key].has_numbers:
             given[key] = {joint: numbers(f'{key}.{joint}', x, _word) for joint, x in item.items()}
+        elif isinstance(item, str):
+            # The scene refuses any other text, and says what the field may have.
+            with suppress(ValueError):
+                given[key] = _word(key, item)
         else:
             given[key] = numbers(key, item, _word)
     return Scene(**given)

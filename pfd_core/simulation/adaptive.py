@@ -35,7 +35,7 @@ from pfd_core.kernels.simulations import AdaptiveSteps, compile_adaptive, pieces
 from pfd_core.kernels.spec import STEP, KernelSpec
 from pfd_core.kernels.threads import address
 from pfd_core.model.effects import INPUT
-from pfd_core.model.plant import resolve
+from pfd_core.model.plant import check_instant, resolve
 from pfd_core.model.robot import PhysicsWarning, Robot
 from pfd_core.model.scene import Scene, given_scene, scene_inputs
 from pfd_core.model.stops import outside_stops, start_within
@@ -248,11 +248,7 @@ def _native(
 ) -> tuple[AdaptiveSteps, Array | None]:
     """Return native code for a robot in a scene, and stops; ValueError for motor lag."""
     plant = resolve(robot, scene)
-    if plant.motor_lag is not None:
-        raise ValueError(
-            "'motor_lag' of the scene acts over a step of time, not at an instant: simulate with "
-            'Simulator or Ensemble, or leave it out of the scene'
-        )
+    check_instant(plant, ['motor_lag'])
     spec = KernelSpec(robot, scene, method, 'float64', refine, STEP)
     steps = compile_adaptive(spec, adaptive_code(plant, integrator), adaptive_frame)
     return steps, plant.joint_limits

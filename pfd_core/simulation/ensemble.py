@@ -34,7 +34,7 @@ from pfd_core.kernels.threads import thread_count
 from pfd_core.model.effects import INPUT
 from pfd_core.model.robot import Robot
 from pfd_core.model.scene import Scene, given_scene
-from pfd_core.model.values import LARGEST_INTEGER, Array, fit_shape, integer, real_array
+from pfd_core.model.values import LARGEST_INTEGER, Array, integer, real_array
 from pfd_core.simulation.feedback import (
     Feedback,
     Law,
@@ -66,10 +66,10 @@ class Ensemble(Simulation):
         arms, (...), by the same checks. Fields of Scene: 'gravity' (B, 3), and (B, n) 'damping',
         'armature', 'friction', 'static_friction', 'stribeck_velocity', 'restitution', 'stiffness'
         and 'rest_position'. Of the payload: 'payload.mass' (B,), 'payload.center' (B, 3) and
-        'payload.inertia' (B, 3, 3). Of the links, as in Robot: 'links.mass' (B, n),
-        'links.center' (B, n, 3) and 'links.inertia' (B, n, 3, 3). Drives that compensate gravity
-        keep the model of robot and scene. What differs among the arms is an input of the native
-        code, so that other values of it compile nothing.
+        'payload.inertia' (B, 3, 3). Of the links, as in Robot: 'links.mass' (B, links),
+        'links.center' (B, links, 3) and 'links.inertia' (B, links, 3, 3). Drives that compensate
+        gravity keep the model of robot and scene. What differs among the arms is an input of the
+        native code, so that other values of it compile nothing.
     **settings
         step_size, substeps, integrator, method, dtype, refine and compensated, as for Simulator.
         One method and one integrator serve all arms: 'auto' takes the method of robot and scene,
@@ -209,7 +209,8 @@ class Ensemble(Simulation):
                 raise ValueError('steps is required without taus of several steps')
             return np.broadcast_to(np.zeros(n, self._dtype), (self._size, n)), steps
         array = real_array('taus', taus, self._dtype, joints=self._robot.joint_names)
-        if array.ndim not in (2, 3):
+        fits = array.ndim in (2, 3) and array.shape[-1] == n
+        if not fits or array.shape[:-2] not in ((), (1,), self._batch):
             raise ValueError(
                 f'taus must have shape (steps, {n}) or ({self._size}, steps, {n}), '
                 f'got {array.shape}'
@@ -217,7 +218,7 @@ class Ensemble(Simulation):
         found = array.shape[-2]
         if steps not in (None, found):
             raise ValueError(f'taus has {found} steps, but steps={steps}')
-        return fit_shape('taus', array, (self._size, found, n), broadcast=True), found
+        return np.broadcast_to(array, (self._size, found, n)), found
 
 
 def _check_memory(what: str, needed: int) -> None:

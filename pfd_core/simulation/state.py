@@ -22,6 +22,8 @@ from pfd_core.model.values import Array, check_finite
 
 # Larger angles [rad] have lost more than 2e-7 rad in float64 and 1e-4 rad in float32 already.
 LARGEST_ANGLE = {'float64': 2.0**30, 'float32': 2.0**10}
+# From here on doubles are more than a turn apart.
+MOST_TURNED = 2.0**55
 # 2 pi as a sum. Products with up to 2^30 turns are exact, except for the last part.
 FULL_TURN = (
     float.fromhex('0x1.921fb40000000p+2'),
@@ -101,10 +103,11 @@ def split_turns(q: Array, low: Array | None, turning: Array) -> tuple[Array, Arr
     """
     Return angles from -pi to pi in float64, and numbers of whole turns, of positions q + low.
 
-    Where `turning` is False the joint slides: its position is returned, with 0 turns.
+    Where `turning` is False the joint slides: its position is returned, with 0 turns, as are
+    positions that are not finite, or angles above MOST_TURNED, to which turns mean nothing.
     """
     angle = q.astype(np.float64)
-    turns = np.where(turning, np.rint(angle / sum(FULL_TURN)), 0.0)
+    turns = np.where(turning & (abs(angle) <= MOST_TURNED), np.rint(angle / sum(FULL_TURN)), 0.0)
     for part in FULL_TURN:
         angle = angle - turns * part
     return angle if low is None else angle + low, turns.astype(np.int64)

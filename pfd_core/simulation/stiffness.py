@@ -88,11 +88,11 @@ def check_springs(plant: Plant, step_size: float, substeps: int) -> None:
     if frequency * h <= SPRING:
         return
     needed = frequency * step_size / SPRING
-    names = (e.field for e in EFFECTS if e.torque is not None and e.field in plant.effects)
+    steep = [e.field for e in EFFECTS if e.torque is not None and e.field in plant.effects]
     advice = f'{int(np.ceil(needed))} substeps' if np.isfinite(needed) else 'rotors'
     raise ValueError(
-        f'{" and ".join(names)} of the scene swings at {frequency:.3g} rad/s: a step of {h:.3g} s '
-        f'must turn its phase by at most {SPRING} rad; a softer spring or {advice} are needed'
+        f'{" and ".join(steep)} of the scene swings at {frequency:.3g} rad/s: a step of {h:.3g} s '
+        f'must turn its phase by at most {SPRING} rad; smaller numbers or {advice} are needed'
     )
 
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
 import math
 from pathlib import Path
 import random
@@ -57,6 +58,7 @@ def string(text: str) -> bytes:
     return bytes(STORE.serialize_cdr(STORE.types[STRING](text), STRING))
 
 
+@cache
 def definition(kind: str) -> str:
     """Return the definition of a type, as bags hold it."""
     return str(STORE.generate_msgdef(kind, ros_version=2)[0])

@@ -196,9 +196,9 @@ class Recorded:
         return 'A' if item == 'effort' and currents else self.unit(item, names)
 
     def _states_topic(self) -> str:
-        """Return the topic of joint states: by role, by name, or the one with most messages."""
-        read = self.log.of_type(JOINT_STATE).items()
-        found = {topic: len(x) for topic, x in read if x.names}
+        """Return the topic of joint states: by role in ours, by name, or with most messages."""
+        read, roles = self.log.of_type(JOINT_STATE).items(), self.log.roles
+        found = {t: len(x) for t, x in read if x.names and roles.get(t, STATES) == STATES}
         if not found:
             for topic, kind in self.log.topics.items():
                 named = topic.endswith('joint_states') or 'JointState' in kind
@@ -206,12 +206,11 @@ class Recorded:
                     text = f'{cut(topic)} has the type {cut(kind)}, expected {JOINT_STATE}'
                     self.unreadable[one_line(f'{text}: it cannot be read')] = None
 
-        def rank(topic: str) -> tuple[bool, bool, int]:
-            role = self.log.roles.get(topic)
-            return role == STATES, topic.endswith('joint_states'), found[topic]
+        def rank(topic: str) -> tuple[bool, int]:
+            return topic.endswith('joint_states'), found[topic]
 
         chosen = max(found, key=rank, default='')
-        others = [x for x in found if x != chosen and rank(x)[:2] == rank(chosen)[:2]]
+        others = [x for x in found if x != chosen and rank(x)[0] == rank(chosen)[0]]
         if others:
             text = f'joint states are those of {cut(chosen)}, not of {listed(others)}'
             self.notes[one_line(f'{text}; --topic names another')] = None

@@ -198,6 +198,13 @@ def test_a_joint_that_begins_at_its_limit_reaches_it_when_it_comes_back(tmp_path
     assert found == [(UR5[1], 0.0), (UR5[0], pytest.approx(1.5))]
 
 
+def test_a_recording_without_states_takes_no_command_for_one(tmp_path):
+    refused = named(('shoulder', 'elbow'), [25.0, np.inf])
+    simulate(tmp_path / 'a.mcap', 3, {1: [refused]}, publish_rate=100.0, **FREE)
+    page = shown(tmp_path / 'a.mcap')
+    assert (page.run.topic, page.first.kind) == ('', 'rejected input')
+
+
 def test_the_end_of_a_controller_is_no_fault(tmp_path):
     path = tmp_path / 'a.mcap'
     # The arm swings under gravity with its last efforts, until the watchdog brakes it.

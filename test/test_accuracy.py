@@ -144,7 +144,7 @@ SELECTED: list[Any] = [
         pytest.param(robot_called(name), DERIVATIVES, (FACTOR, 0), marks=pytest.mark.slow)
         for name in ('panda', 'ur10')
     ),
-    (chain(6, 'y'), DERIVATIVES, (BODIES, 0)),
+    pytest.param(chain(6, 'y'), DERIVATIVES, (BODIES, 0), marks=pytest.mark.slow),
     (coaxial(1e-12), DERIVATIVES, (BODIES, 0)),
     (robot_called('kinova'), DERIVATIVES, (FACTOR, 1)),
     (robot_called('kinova'), DERIVATIVES | {'method': FACTOR}, (FACTOR, 0)),

@@ -202,7 +202,8 @@ def test_every_quantity_is_pinocchios_of_the_whole_file_projected(name: str) -> 
     found = {
         key: kernel(robot, key) if key in compiled else emulated(robot, key) for key in QUANTITIES
     }
-    zero = np.zeros(robot.n)
+    plant, zero = resolve_plant(robot), np.zeros(robot.n)
+    poses = {frame: QUANTITIES['tip_pose'](plant, frame) for frame in robot.frames}
     for _ in range(5):
         q, qd, qdd = rng.uniform(-1.5, 1.5, (3, robot.n))
         wrench, tau, J = rng.normal(size=6), whole.tau(q, qd, qdd), whole.jacobian(q, tip)
@@ -227,9 +228,9 @@ def test_every_quantity_is_pinocchios_of_the_whole_file_projected(name: str) -> 
             assert np.abs(found[key](*given, **extra) - wanted).max() <= 10 * DYNAMICS * size, key
         kinetic = 0.5 * qd @ whole.H(q) @ qd
         assert found['energy'](q, qd)[0] == pytest.approx(kinetic, rel=DYNAMICS)
-        for frame in robot.frames:
-            pose = run_program(QUANTITIES['tip_pose'](resolve_plant(robot), frame), {'q': q})
-            assert np.abs(pose['pose'] - whole.pose(q, frame)).max() <= DYNAMICS, frame
+        for frame, program in poses.items():
+            pose = run_program(program, {'q': q})['pose']
+            assert np.abs(pose - whole.pose(q, frame)).max() <= DYNAMICS, frame
 
 
 def random_followers(seed: int) -> tuple[pfd.Robot, pfd.Robot, Array, Array]:

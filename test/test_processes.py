@@ -317,18 +317,12 @@ def test_the_smallest_quota_of_all_cgroups_and_the_affinity_bound_the_cores(
 
 
 # Compilations before memory is measured: caches of Python, NumPy and the allocator are full then.
-WARM_UP = 20
-
-
+WARM_UP = 10
 # Growth of the resident memory for each compilation [B]: pages that the allocator has fragmented.
 # The pipeline of LLVM's passes alone takes 45 kB, and passes over a kernel four times as much.
 GROWTH = 15_000
-
-
 # Far longer than any of the processes takes [s].
 LONGEST_GROWTH = 3000.0
-
-
 # The C library neither returns the end of the heap to the system nor takes it in small pieces:
 # else one piece of 660 kB, kept or not, decides.
 STEADY = {
@@ -361,8 +355,10 @@ print((resident() - before) / count)
 """
 
 
-def growth(count: int) -> float:
-    """Return the memory [B] that a fresh process keeps for each of some compilations."""
+@pytest.mark.skipif(not Path('/proc/self/statm').exists(), reason='needs /proc')
+@pytest.mark.timeout(LONGEST_GROWTH)
+@pytest.mark.parametrize('count', [15, pytest.param(1000, marks=pytest.mark.long)])
+def test_a_compilation_keeps_no_memory(count: int) -> None:
     found = subprocess.run(
         [sys.executable, '-c', COMPILATIONS, str(WARM_UP), str(count)],
         env=os.environ | STEADY | {'PFD_CACHE': '', 'PYTHONPATH': os.pathsep.join(sys.path)},
@@ -371,11 +367,4 @@ def growth(count: int) -> float:
         check=True,
         timeout=LONGEST_GROWTH,
     )
-    return float(found.stdout)
-
-
-@pytest.mark.skipif(not Path('/proc/self/statm').exists(), reason='needs /proc')
-@pytest.mark.timeout(LONGEST_GROWTH)
-@pytest.mark.parametrize('count', [15, pytest.param(1000, marks=pytest.mark.long)])
-def test_a_compilation_keeps_no_memory(count: int) -> None:
-    assert growth(count) <= GROWTH
+    assert float(found.stdout) <= GROWTH

@@ -162,7 +162,7 @@ def test_random_inputs_recorded_in_their_order_verify(scene, tmp_path):
     path, rng = tmp_path / 'run.mcap', random.Random(scene)
     settings, roles = SCENES[scene]
     run = Run(path, roles, **settings)
-    for k in range(400):
+    for k in range(600):
         run.step(*events(rng, run))
         if k % 50 == 0:
             run.record([aside()])

@@ -374,6 +374,12 @@ def test_xacro_finds_packages_installed_above_the_file_and_beside_its_package(
     (share / 'package.xml').write_text(PACKAGE.format('masses'))
     (share / 'urdf' / 'mass.xacro').write_text(INCLUDED)
     assert pfd.load_robot(path).masses.tolist() == ([2.5, 1.0] if installed else [7.0, 7.0])
+    # Of sources only: where folders are installed elsewhere, they lack a file.
+    (share / 'urdf' / 'mass.xacro').unlink()
+    (tmp_path / 'src/other/masses_folder/urdf/mass.xacro').unlink()
+    with pytest.raises(ValueError, match='No such file') as lost:
+        pfd.load_robot(path)
+    assert ('source its workspace' in str(lost.value)) == (not installed)
 
 
 def test_a_package_that_is_not_found_is_named_with_the_file_that_names_it(tmp_path: Path) -> None:

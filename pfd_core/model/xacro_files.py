@@ -104,12 +104,15 @@ def answer(path: str, given: str) -> None:
     decoded: Any = import_module('pfd_core.model.loading').decoded
     xacro.open = lambda name: io.StringIO(decoded(Path(name).read_bytes()))
 
+    sources: list[str] = []
+
     def find(name: str) -> str:
         # Files that are being read, the innermost first, then all others that were included.
         files = dict.fromkeys([*reversed(xacro.filestack), *xacro.all_includes, path])
         for file in files:
             found = find_package(name, Path(file).parent)
             if found is not None:
+                sources.extend([str(found)] * (found.parent.name != 'share'))
                 return str(found)
         raise PackageError(
             f'package {quote(name)} is not found: AMENT_PREFIX_PATH does not have it, and no '
@@ -139,6 +142,9 @@ def answer(path: str, given: str) -> None:
                 f'argument {quote(name)} has no value where it is read; give it by '
                 f'xacro={{{name!r}: {default!r}}}, or `pfd sim --robot FILE {name}:={default}`'
             )
+        lost = isinstance(cause, FileNotFoundError) and str(cause.filename)
+        if lost and any(lost.startswith(source) for source in sources):
+            reason += '; the sources of a package may lack what it installs: source its workspace'
         if xacro.filestack and xacro.filestack[-1] != path:
             reason += f' (in {xacro.filestack[-1]})'
     known = {name: arguments.get(name, default) for name, default in arguments.known.items()}

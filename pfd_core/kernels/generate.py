@@ -116,6 +116,7 @@ def operations(code: Code, program: Program, read: Callable[[str, int], str]) ->
     `read(name, k)` writes the reading of element k of an input, and returns the value.
     """
     values: list[str] = []
+    flags: dict[int, str] = {}
     repeats: dict[int, _Repeat] = {}
     for register, (op, args, data, *_) in enumerate(program.instructions):
         operands = [values[a] for a in args]
@@ -132,6 +133,11 @@ def operations(code: Code, program: Program, read: Callable[[str, int], str]) ->
             repeats[register].end(operands[1:])
         elif op == 'result':
             value = repeats[args[0]].rows[data].get()
+        elif op == 'select':
+            # One comparison for all choices by a number: LLVM's passes would have to find that.
+            if args[0] not in flags:
+                flags[args[0]] = code.above(operands[0])
+            value = code.choose(flags[args[0]], *operands[1:])
         else:
             value = code.op(op, *operands)
         values.append(value)
@@ -175,7 +181,6 @@ def evaluate(
     angles: Sequence[int],
     suffix: str = '',
     check: bool = True,
-    inline: bool = True,
 ) -> str:
     """
     Return `@evaluateW(inputs..., out)`, which runs @bodyW with wrapped angles.
@@ -183,15 +188,13 @@ def evaluate(
     `angles` are the elements of q that are turned, `suffix` ends the names of both functions. With
     `check` the function has a result: zero for each state, or NaN where a sum of products of its
     inputs is not finite, as for an infinite input or NaN; it may also overflow for finite inputs.
-    For one state nothing is written then. A function that is called in several places is not to be
-    inlined.
+    For one state nothing is written then.
     """
     names = inputs_of(program)
     arrays = parameters([*names, 'out'])
     code = Code('', dtype, width)
     kind = code.type if check else 'void'
     code.head = f'define internal {kind} @evaluate{width}{suffix}({arrays})'
-    code.head += '' if inline else ' noinline'
     numbers = {
         name: [code.read(f'%{name}', k, f'%{name}.s') for k in range(program.inputs[name])]
         for name in names

@@ -72,9 +72,6 @@ class Optimisation:
     # For a long program, in which LLVM finds little to do and takes its time. Thirty joints: half
     # the time to compile, and code within 5 % of the usual speed.
     long: bool = False
-    # LLVM's pipeline of level 1 instead of PASSES: code with many branches or loops is 4 to 7 %
-    # faster then, and straight-line code takes twice the time to compile.
-    pipeline: bool = False
     # Whether LLVM may reorder operations; for code that is not ordered already
     # (pfd_core.kernels.schedule). With 16 vector registers LLVM always reorders.
     reorder: bool = True
@@ -202,7 +199,7 @@ def emit(ir: str, target: Target | None = None, optimisation: Optimisation | Non
     module.triple = target.triple
     module.data_layout = str(machine.target_data)
     module.verify()
-    _optimise(module, machine, optimisation)
+    _optimise(module, machine, ir, optimisation)
     with nullcontext() if optimisation.reorder or target.vector_bits < 512 else _order_kept():
         return bytes(machine.emit_object(module))
 
@@ -215,22 +212,20 @@ def _machine(target: Target, level: int = 2) -> Any:
     )
 
 
-def _optimise(module: Any, machine: Any, optimisation: Optimisation) -> None:
-    options = llvm.create_pipeline_tuning_options(speed_level=int(optimisation.pipeline))
+def _optimise(module: Any, machine: Any, ir: str, optimisation: Optimisation) -> None:
+    options = llvm.create_pipeline_tuning_options(speed_level=0)
     # No scalars or loops become vectors.
     options.slp_vectorization = options.loop_vectorization = False
     builder = llvm.create_pass_builder(machine, options)
-    if optimisation.pipeline:
-        passes = builder.getModulePassManager()
-    else:
-        passes = llvm.create_new_module_pass_manager()
-        for name in ['sroa'] if optimisation.long else PASSES:
-            getattr(passes, f'add_{name}_pass')()
-        # `always_inliner` inlines what is only called here; LLVM would weigh costs.
-        for function in module.functions:
-            words = b' '.join(function.attributes).split()
-            if function.linkage == llvm.Linkage.internal and b'noinline' not in words:
-                function.add_function_attribute('alwaysinline')
+    passes = llvm.create_new_module_pass_manager()
+    for name in ['sroa'] if optimisation.long else PASSES:
+        getattr(passes, f'add_{name}_pass')()
+    # `always_inliner` inlines what is called in one place; LLVM would weigh costs.
+    for function in module.functions:
+        words = b' '.join(function.attributes).split()
+        once = ir.count(f'@{function.name}(') == 2
+        if function.linkage == llvm.Linkage.internal and once and b'noinline' not in words:
+            function.add_function_attribute('alwaysinline')
     passes.run(module, builder)
     # llvmlite 0.50 frees no pass manager: the empty method of ObjectRef hides its own.
     hidden = getattr(super(llvm.ffi.ObjectRef, passes), '_dispose', None)

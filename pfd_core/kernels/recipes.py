@@ -123,7 +123,6 @@ class Recipe:
         module: str,
         functions: Sequence[str],
         ir: Callable[[], str],
-        optimisation: Optimisation | None = None,
         described: Callable[[], str] | None = None,
     ) -> Native:
         """
@@ -140,7 +139,7 @@ class Recipe:
             if 'facts' not in own:
                 own['facts'] = self._facts()
             facts = self.facts if described is None else self.facts._replace(digest=described())
-            return ir(), optimisation or self.optimisation, facts._asdict()
+            return ir(), self.optimisation, facts._asdict()
 
         native = compile_kept((*self.key, module), source, functions, Facts)
         own.setdefault('facts', native.facts)

@@ -22,7 +22,7 @@ from pfd_core.dynamics.numbers import PARAMETERS, count
 from pfd_core.forking import load
 from pfd_core.kernels.generate import declarations
 from pfd_core.kernels.lower import lower
-from pfd_core.kernels.native import Native, Optimisation
+from pfd_core.kernels.native import Native
 from pfd_core.kernels.recipes import (
     Recipe,
     digest,
@@ -235,8 +235,7 @@ def compile_steps(
         f'steps {width} {written} {step.settings} {step.plant.digest} {keys} {control}',
         ['simulate', *sampled],
         ir,
-        branching(main) if step.contact else None,
-        described,
+        described=described,
     )
     kind = ctypes.CFUNCTYPE
     places = {name: len(PLAN) + 4 * k for k, name in enumerate(steps.arrays)}
@@ -332,7 +331,7 @@ def compile_adaptive(
 
     keys = {name: source.key for name, source in sources.items()}
     module = f'adaptive {step.settings} {step.plant.digest} {keys}'
-    native = main.compile(module, ['adaptive', 'size'], ir, branching(main))
+    native = main.compile(module, ['adaptive', 'size'], ir)
     size = ctypes.CFUNCTYPE(ctypes.c_int64)(native['size'])()
     work = main.work * step.evaluations
     return AdaptiveSteps(work, frame, size, native['adaptive'], native)
@@ -346,8 +345,3 @@ def step_inputs(main: Recipe, plant: Plant) -> dict[str, int]:
         if name not in MOTION and (name != 'free' or plant.brakes)
     }
     return inputs | ({PARAMETERS: count(plant)} if plant.varied else {})
-
-
-def branching(main: Recipe) -> Optimisation:
-    """Return the effort of the compiler for steps with many branches."""
-    return replace(main.optimisation, pipeline=not main.optimisation.long)

@@ -39,7 +39,7 @@ from pfd_core.kernels.native import Optimisation, simd_width
 from pfd_core.kernels.recipes import Facts, Recipe, digest
 from pfd_core.kernels.script import Frame, Script
 from pfd_core.kernels.simulate import MOTION, MOTOR_TORQUE, UNFINISHED, Steps
-from pfd_core.kernels.simulations import StepCode, branching, step_dynamics, step_inputs
+from pfd_core.kernels.simulations import StepCode, step_dynamics, step_inputs
 from pfd_core.kernels.sines import WRAP_LIMIT, wrap_angle
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.derivative import directional
@@ -200,8 +200,7 @@ class TangentSource(Recipe):
     @property
     def optimisation(self) -> Optimisation:
         """The effort of the compiler."""
-        found = branching(self._main) if self._step.contact else self._main.optimisation
-        return replace(found, reorder=True)
+        return replace(self._main.optimisation, reorder=True)
 
     def _programs(self) -> dict[str, Program]:
         """Return the lowered programs of the step."""

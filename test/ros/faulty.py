@@ -62,28 +62,15 @@ def hang_in_c(*_) -> None:
     libc.pthread_mutex_lock(mutex)
 
 
-def wait_and_hang(args: list[str], stop: threading.Event, companion: object) -> int:
-    print('steps', flush=True)
-    stop.wait()
-    hang_in_python()
-    return 0
+def without_ros(end) -> None:
+    """Leave only the signals, and what is called after the first: it starts in a moment."""
 
+    def run(args: list[str], stop: threading.Event, companion: object) -> int:
+        print('steps', flush=True)
+        stop.wait()
+        end()
+        return 0
 
-def wait_and_hang_in_c(args: list[str], stop: threading.Event, companion: object) -> int:
-    print('steps', flush=True)
-    stop.wait()
-    hang_in_c()
-    return 0
-
-
-def wait_and_end(args: list[str], stop: threading.Event, companion: object) -> int:
-    print('steps', flush=True)
-    stop.wait()
-    return 0
-
-
-def without_ros(run) -> None:
-    """Leave only the signals: such a process starts in a moment."""
     stub = ModuleType('pfd_ros.node.process')
     stub.run = run
     sys.modules[stub.__name__] = stub
@@ -141,8 +128,8 @@ def at_cycle(cycle: int, fault) -> None:
 
 def put_in(fault: str) -> None:
     if fault.startswith('stub_'):
-        runs = {'hangs': wait_and_hang, 'hangs_in_c': wait_and_hang_in_c, 'ends': wait_and_end}
-        without_ros(runs[fault.removeprefix('stub_')])
+        ends = {'hangs': hang_in_python, 'hangs_in_c': hang_in_c, 'ends': lambda: None}
+        without_ros(ends[fault.removeprefix('stub_')])
         # On a busy machine the interpreter may need longer than that to go down; a process that
         # hangs uses all of it.
         put('pfd_ros.node.main.GRACE_SECONDS', 30.0 if fault == 'stub_ends' else 0.1)

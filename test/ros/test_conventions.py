@@ -394,13 +394,12 @@ def test_infinite_efforts_are_rejected_and_nan_by_name_is_no_command():
 @of('franka', 'tau_J', 'tau_J_d')
 @pytest.mark.parametrize('convention', ROBOTS)
 def test_efforts_of_states_are_as_the_driver_publishes_them(convention):
-    n, start = len(POSES[convention][0]), POSES[convention][0]
-    constants, load = tuple(10.0 + k for k in range(n)), (0.8, (0.0, 0.05, 0.1))
+    start, constants, load = (0.3, -0.5), (10.0, 11.0), (0.8, (0.0, 0.05, 0.1))
     chosen = {'load_mass': load[0], 'load_center': load[1], 'payload_mass': load[0]}
     chosen |= {'payload_center': load[1], 'outputs': ('true_states',)}
     shown = {}
     for kind in ('command', 'torque', 'current'):
-        engine = arm(convention, state_effort=kind, torque_constant=constants, **chosen)
+        engine = small(convention, state_effort=kind, torque_constant=constants, **chosen)
         weight = gravity(engine, start, load)
         # Held by its controller, too.
         braked = state(engine).effort
@@ -415,7 +414,7 @@ def test_efforts_of_states_are_as_the_driver_publishes_them(convention):
     # The arm has moved by a step since then.
     np.testing.assert_allclose(shown['torque'], weight + effort, rtol=0, atol=1e-3)
     np.testing.assert_allclose(shown['current'] * constants, shown['torque'], rtol=1e-12)
-    usual = arm(convention).state.settings.state_effort
+    usual = small(convention).state.settings.state_effort
     assert usual == {'ur': 'command', 'franka': 'torque'}[convention]
 
 

@@ -550,7 +550,7 @@ def test_a_start_logs_what_the_model_has_that_is_off_and_a_first_one_that_it_com
     processes, tmp_path, monkeypatch
 ):
     monkeypatch.setenv('PFD_CACHE', str(tmp_path / 'cache'))
-    some = ('friction:=true', 'friction.elbow:=1.0')
+    some = ('damping:=true', 'damping.elbow:=1.0')
     for compiles in (True, False):
         node = processes.arm('robot:=planar2', *some)
         node.stop()
@@ -558,6 +558,6 @@ def test_a_start_logs_what_the_model_has_that_is_off_and_a_first_one_that_it_com
         assert ("Compiled native code for 'planar2' in " in node.text()) == compiles
         assert 'off: joint_limits of the model' in node.text()
         # Warnings of Python are lines of the node's log.
-        silent = "friction is true, but the model of 'planar2' states none for ['shoulder']"
+        silent = "damping is true, but the model of 'planar2' states none for ['shoulder']"
         (line,) = [line for line in node.text().splitlines() if silent in line]
         assert line.startswith('[WARN]')

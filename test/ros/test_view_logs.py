@@ -359,7 +359,7 @@ def test_an_arm_continues_without_its_view_and_logs_it_once(processes):
     os.kill(viewed.view, signal.SIGKILL)
     viewed.arm.wait_for_text('the 3D view ended by SIGKILL; the arm continues')
     # It logs once a second.
-    sleep(2.5)
+    sleep(1.5)
     assert viewed.arm.end(signal.SIGINT) == 0
     assert viewed.arm.text().count('the 3D view') == 1
     viewed.wait_for_the_end()

@@ -114,7 +114,7 @@ def record_derivatives(
         links = {'q': reduced(plant.robot, by_q), 'qd': reduced(plant.robot, by_qd)}
         D = _with_joints_and_drives(links, joints, motors)
     with recorder.section('inverse'):
-        X = inverse_inertia(recorder, plant, factors, method, refine)
+        X = inverse_inertia(recorder, plant, factors, method, refine)[-1]
     results = {'qdd': qdd, 'X': X, 'D': D}
     if 'd tau/d tau' in motors:
         by_tau = motors['d tau/d tau'][:: n + 1]
@@ -156,13 +156,23 @@ def _with_joints_and_drives(
     return [[*row, *row_qd] for row, row_qd in zip(*D, strict=True)]
 
 
+def record_inverse_inertia(plant: Plant, method: str) -> Program:
+    """Return the program of H^-1 from q: `first` by a method, and `X` after a refinement of it."""
+    chain = chain_of(plant)
+    H = inertia_matrix(moving_chain(chain, chain.inputs('qd')))
+    factors = factorise(H, free_input(chain.recorder, plant))
+    first, X = inverse_inertia(chain.recorder, plant, factors, method, 1)
+    return chain.recorder.program(first=first, X=X)
+
+
 def inverse_inertia(
     recorder: Recorder, plant: Plant, factors: Factors, method: str, steps: int
-) -> Matrix:
+) -> list[Matrix]:
     """
     Return H^-1, (n, n), symmetric, with rows and columns of zeros for braked joints.
 
-    It is by a method, with steps of refinement; methods that take no factors leave those unread.
+    The first is by a method, the others follow by steps of refinement; methods that take no
+    factors leave those unread.
     """
     n = plant.robot.n
     zero, one = recorder.constant(0.0), recorder.constant(1.0)
@@ -173,18 +183,15 @@ def inverse_inertia(
     def solve(y: Sequence[Lanes]) -> list[Lanes]:
         return solution(factors, y) if by_columns is None else by_columns(y)['qdd']
 
-    X = symmetric([solve(unit) for unit in units]) if by_columns else _by_factors(factors)
-    if not steps:
-        return X
-    residual = record_residual(still)
+    found = [symmetric([solve(unit) for unit in units]) if by_columns else _by_factors(factors)]
     for _ in range(steps):
-        columns = []
-        for unit, x in zip(units, X, strict=True):
+        residual, columns = record_residual(still), []
+        for unit, x in zip(units, found[-1], strict=True):
             given = {'qd': [zero] * n, 'qdd': x, 'tau': unit}
             missed = inline(recorder, residual, given)['residual']
             columns.append([a + d for a, d in zip(x, solve(missed), strict=True)])
-        X = symmetric(columns)
-    return X
+        found.append(symmetric(columns))
+    return found
 
 
 def _by_factors(factors: Factors) -> Matrix:

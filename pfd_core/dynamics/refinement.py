@@ -71,12 +71,13 @@ CORRECTION = 0.005
 
 
 def record_refined(
-    plant: Plant, method: str, steps: int, tolerance: float | None = None
+    plant: Plant, method: str, steps: int, tolerance: float | None = None, first: bool = False
 ) -> Program:
     """
     Return the sequential program of a method, with its qdd after steps of refinement.
 
-    An iterative method stops at the tolerance, by default for double precision.
+    An iterative method stops at the tolerance, by default for double precision. With `first` the
+    qdd before refinement is an output, too.
     """
     method_program = record_forward_dynamics(plant, method, 'sequential', tolerance)
     if steps == 0:
@@ -85,7 +86,8 @@ def record_refined(
     solved = solver(recorder, plant, method, tolerance)
     results = inline(recorder, method_program, {})
     qdd = refined(plant, results['qdd'], lambda torques: solved(torques)['qdd'], steps)
-    return recorder.program(**results | {'qdd': qdd})
+    before = {'first': results['qdd']} if first else {}
+    return recorder.program(**results | {'qdd': qdd} | before)
 
 
 def refined(

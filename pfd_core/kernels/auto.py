@@ -21,7 +21,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -36,9 +36,6 @@ from pfd_core.kernels.cache import kept
 from pfd_core.model.effects import INERTIA
 from pfd_core.model.plant import Plant
 from pfd_core.model.values import Array, integer, quote
-
-if TYPE_CHECKING:
-    from pfd_core.machine.program import Program
 
 FEW_JOINTS, MANY_JOINTS = 'composite_body', 'grouped_articulated_body'
 # Steps of refinement; the second one hardly finds a digit to correct, and each adds its code.
@@ -156,24 +153,12 @@ def _bodies(plant: Plant) -> Plant:
 
 def _roundings(bare: Plant, method: str, inverse: bool) -> float:
     with no_fork:
-        from pfd_core.dynamics.acceleration import record_derivatives
+        from pfd_core.dynamics.acceleration import record_inverse_inertia
         from pfd_core.dynamics.newton_euler import record_link_torques
         from pfd_core.dynamics.refinement import record_refined
         from pfd_core.kernels.simplify import eliminate_dead_code
         from pfd_core.kernels.sines import expand_sines
         from pfd_core.machine.emulator import run
-
-    def program(steps: int) -> Program:
-        if inverse:
-            recorded = eliminate_dead_code(record_derivatives(bare, method, steps), ['X'])
-        else:
-            recorded = record_refined(bare, method, steps)
-        return expand_sines(recorded, 'float64')
-
-    def answer(program: Program, states: dict[str, Array]) -> Array:
-        found = run(program, {name: states[name] for name in program.inputs})
-        result: Array = found['X' if inverse else 'qdd'].reshape(STATES, -1)
-        return result
 
     def distance(found: Array, right: Array) -> Array:
         pair = found - right, right
@@ -185,7 +170,11 @@ def _roundings(bare: Plant, method: str, inverse: bool) -> float:
         ratio: Array = difference / whole
         return ratio
 
-    plain, refined = program(0), program(1)
+    if inverse:
+        recorded = eliminate_dead_code(record_inverse_inertia(bare, method), ['first', 'X'])
+    else:
+        recorded = record_refined(bare, method, 1, first=True)
+    program = expand_sines(recorded, 'float64')
     q, qd, qdd, tau, signs = _uniform(bare.robot.n)
     states = {'q': np.pi * q, 'qd': qd}
     with np.errstate(all='ignore'):
@@ -193,12 +182,17 @@ def _roundings(bare: Plant, method: str, inverse: bool) -> float:
         needed = run(torques, states | {'qdd': qdd})['tau']
         states['tau'] = TORQUES * np.abs(needed).max() * tau
         near = {name: x * (1 + np.copysign(CHANGE, signs)) for name, x in states.items()}
-        right = answer(refined, states)
-        change = distance(answer(refined, near), right) / CHANGE
-        error = distance(answer(plain, states), right) / (2.0**-53 * np.maximum(1.0, change))
+        both = {key: np.concatenate([states[key], near[key]]) for key in program.inputs}
+        found = run(program, both)
+        first, refined = (
+            found[key].reshape(2, STATES, -1) for key in ('first', 'X' if inverse else 'qdd')
+        )
+        right = refined[0]
+        change = distance(refined[1], right) / CHANGE
+        error = distance(first[0], right) / (2.0**-53 * np.maximum(1.0, change))
     # A joint without inertia, which only brakes can hold, has no answer to compare.
-    found = np.sort(np.where(np.isfinite(right).all(axis=-1), error, 0.0))
-    return float(found[int(SHARE * STATES)])
+    errors = np.sort(np.where(np.isfinite(right).all(axis=-1), error, 0.0))
+    return float(errors[int(SHARE * STATES)])
 
 
 def _uniform(n: int) -> Array:

@@ -62,9 +62,11 @@ def arm_of(source: str | None, log: Path | None, tip: str) -> Arm:
     """
     arrays = None if log is None else read_log(log, unreadable=COUNT, types=[JOINT_STATE, STRING])
     recorded, settings, name = None, Settings(tip_link=tip), '' if log is None else log.name
+    urdf: pfd.Urdf | None = None
     if source is not None:
-        text, label = pfd.urdf_of(source), Path(source).name
-        if not tip and (not Path(source).is_file() or pfd.read_urdf(source) is None):
+        urdf, label = pfd.read_urdf(source), Path(source).name
+        text = pfd.urdf_of(source) if urdf is None else urdf.text
+        if not tip and (not Path(source).is_file() or urdf is None):
             # A robot by name or in YAML has one end, of which its URDF has a frame.
             settings = replace(settings, tip_link=pfd.load_robot(source).tip)
     elif arrays is not None and arrays.settings is not None:
@@ -79,7 +81,7 @@ def arm_of(source: str | None, log: Path | None, tip: str) -> Arm:
     else:
         assert arrays is not None
         text, label = _described(arrays), name
-    found, notes = _chain(settings, parsed_urdf(text, f'the model of {label}'))
+    found, notes = _chain(settings, urdf or parsed_urdf(text, f'the model of {label}'))
     if not tip and found.urdf is not None:
         notes += _gripper(found.urdf.joints[found.robot.joint_names[-1]])
     robot, settings = found.robot, found.settings

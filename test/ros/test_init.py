@@ -360,6 +360,7 @@ def test_the_node_begins_at_the_first_state_with_a_finite_number_for_each_joint(
         ('mine', ['--urdf', 'arm.urdf', '--tip', 'nail'], "'nail'"),
         ('mine', ['--urdf', 'weak.urdf'], "'elbow' cannot carry the arm: .* expected 0.5 at most"),
         ('mine', ['--urdf', 'narrow.urdf'], "joint 'elbow' would reach its limits"),
+        ('mine', ['--urdf', 'light.urdf'], 'init: light.urdf, line 1: link .* no <inertial>'),
         ('mine', ['--bag', 'run.mcap', '--robot', 'ur5'], 'has no states of .*: leave out --bag'),
         ('mine', ['--bag', 'run.mcap', '--tip', 'upper'], "that of run.mcap, 'lower'"),
     ],
@@ -368,6 +369,7 @@ def test_what_cannot_be_done_is_refused_and_leaves_nothing(folder, capsys, name,
     (folder / 'there').mkdir()
     text = gripper_arm.urdf()
     (folder / 'weak.urdf').write_text(text.replace('effort="90"', 'effort="1"'))
+    (folder / 'light.urdf').write_text(re.sub('<inertial>.*?</inertial>', '', text))
     narrow = '<limit lower="-0.001" upper="0.001" velocity="9" effort="90"/>'
     narrow += '<dynamics friction="20"/>'
     shoulder, elbow, rest = text.split('<limit ', 2)

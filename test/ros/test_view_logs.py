@@ -320,7 +320,7 @@ class Viewed:
 
     def __init__(self, processes: Processes, *ros_args: str) -> None:
         self.arm = processes.python(
-            *('-m', 'pfd_ros.cli.main', 'sim', '--robot', 'ur5', '--view', '--port', '0'),
+            *('-m', 'pfd_ros.cli.main', 'sim', '--robot', 'planar2', '--view', '--port', '0'),
             *(['--ros-args', *ros_args] if ros_args else []),
         )
         self.arm.wait_for_text('; Ctrl-C ends it')
@@ -380,7 +380,7 @@ def test_the_view_ends_with_the_arm_however_that_ends(processes, number):
 # In a browser.
 
 # The arm hangs down for this time [s], and points up as long.
-HANGING = 2.0
+HANGING = 1.0
 # Parts of a picture: an arm, and an arrow.
 LEAST, ARROW = 0.005, 0.0005
 # Swiftshader draws each pixel on a processor.

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path
 import platform
 import subprocess
@@ -24,11 +24,7 @@ DECISIVE = ('pfd', 'numpy', 'llvmlite')
 def versions() -> dict[str, str]:
     """Return the software versions that may change the bits, and the processor."""
     found = {'pfd': pfd.__version__, 'python': platform.python_version()}
-    for name in ('numpy', 'llvmlite', 'mcap'):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = ''
+    found |= {name: version(name) for name in ('numpy', 'llvmlite', 'mcap')}
     return {**found, 'platform': platform.platform(), PROCESSOR: _processor(), COMMIT: commit()}
 
 

@@ -12,7 +12,7 @@ threads. The same settings and controller give the same bits, here and over topi
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from inspect import signature
 from itertools import chain
@@ -118,10 +118,9 @@ class LockstepArm:
         self.names = self.engine.names
         self.period = self.settings.publish_every * self.settings.step_ns / NANOSECONDS
         # The state that the arm was restored to, None for the start; and the inputs since then:
-        # the cycles before, role, bytes, one after the other, as many tuples would keep the
-        # garbage collector busy.
+        # the cycles before, role, bytes.
         self.start: State | None = None
-        self._inputs: list[Any] = []
+        self._inputs: list[tuple[int, str, bytes]] = []
         self.pushes: list[tuple[float, Sequence[float]]] = []
 
     def _new_engine(self, roles: Collection[str]) -> Engine:
@@ -245,12 +244,6 @@ class LockstepArm:
             link.check_end(seconds)
             return motion
 
-    @property
-    def inputs(self) -> Iterator[tuple[int, str, bytes]]:
-        """The inputs since the start or the restored state: the cycles before, role, bytes."""
-        inputs = iter(self._inputs)
-        return zip(inputs, inputs, inputs, strict=True)
-
     def step(
         self, commands: Sequence[Any] = (), every: int = 1
     ) -> tuple[list[Message], list[Verdict]]:
@@ -261,9 +254,9 @@ class LockstepArm:
         """
         engine, inputs = self.engine, self._inputs
         state = engine.state
-        if len(inputs) < 3 * MOST_INPUTS:
+        if len(inputs) < MOST_INPUTS:
             for role, data in commands:
-                inputs += (state.cycle, role, data)
+                inputs.append((state.cycle, role, data))
         messages, verdicts = engine.step(commands)
         while state.cycle % every:
             messages += engine.step()[0]
@@ -278,7 +271,7 @@ class LockstepArm:
 
     def _demand(self, role: str, data: bytes) -> None:
         """Send a message that the next cycle takes; ValueError if the arm does not accept it."""
-        self._inputs += (self.engine.state.cycle, role, data)
+        self._inputs.append((self.engine.state.cycle, role, data))
         messages, (verdict,) = self.engine.step([Message(role, data)], run=False)
         self._record(messages)
         if not verdict.accepted:
@@ -351,7 +344,7 @@ class LockstepArm:
         Return a line about what is wrong with the recording, or ''. ValueError if there were too
         many inputs to keep, OSError if the file exists or cannot be written.
         """
-        if len(self._inputs) >= 3 * MOST_INPUTS:
+        if len(self._inputs) >= MOST_INPUTS:
             raise ValueError('the inputs of this run are too many: record it with recording=...')
         robot, settings = self._given
         with warnings.catch_warnings():
@@ -360,7 +353,7 @@ class LockstepArm:
         with again:
             if self.start is not None:
                 again.engine.restore(self.start)
-            inputs = (Input(Message(role, data), at + 1) for at, role, data in self.inputs)
+            inputs = (Input(Message(role, data), at + 1) for at, role, data in self._inputs)
             every = chain(inputs, [Input(None, self.engine.state.cycle + 1)])
             run_inputs(every, again.engine, lambda messages, _: again._record(messages))
         if again.q.tobytes() != self.q.tobytes():

@@ -155,13 +155,6 @@ def decoder_of(topic: BagTopic) -> Decoder:
     return Decoder(topic.type, topic.definition)
 
 
-def _shared(values: NDArray[Any]) -> NDArray[Any]:
-    """Return equal values as one that all rows share, others as they are."""
-    if len(values) and (values == values[0]).all():
-        return np.broadcast_to(values[:1].copy(), values.shape)
-    return values
-
-
 class TopicReader:
     """Reads the messages of a topic and decodes them in blocks."""
 
@@ -273,7 +266,7 @@ class TopicReader:
             simulated_ns,
             total - len(places),
             names,
-            _shared(groups),
+            groups,
             tuple(self._lists),
             self._reason,
             in_file,
@@ -293,8 +286,6 @@ class TopicReader:
             parts = [piece.pop(path) for piece in pieces]
             if not self._groups or path not in JOINT_FIELDS:
                 found[path] = joined(parts)
-                if found[path].dtype == object and found[path].ndim == 1:
-                    found[path] = _shared(found[path])
                 continue
             filled = max(count, sum(part.size for part in parts))
             if count * len(names) > PADDED + MOST_PADDING * filled:

@@ -22,7 +22,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Response
 
 from pfd_ros.files import new_file
-from pfd_ros.view.ports import HOST, IN_USE
+from pfd_ros.view.ports import HOST
 
 # Names of this computer, in requests of its browsers.
 NAMES = (HOST, 'localhost')
@@ -44,9 +44,9 @@ def page(port: int, title: str) -> Iterator[viser.ViserServer]:
     """
     Serve an empty page on a port, 0 for any, until the block ends; to this computer alone.
 
-    Requests that name another host, or come from a page of another origin, are refused: a page of
-    the internet in the same browser could read the arm's otherwise. ValueError if another program
-    listens on the port.
+    Of a port that another program has taken it is the next one that is free. Requests that name
+    another host, or come from a page of another origin, are refused: a page of the internet in the
+    same browser could read the arm's otherwise.
     """
     serve = websockets.asyncio.server.serve
 
@@ -66,9 +66,6 @@ def page(port: int, title: str) -> Iterator[viser.ViserServer]:
     finally:
         websockets.asyncio.server.serve = serve  # type: ignore[misc]
     try:
-        # The server takes the next port if another program has this one.
-        if port not in (0, server.get_port()):
-            raise ValueError(IN_USE.format(port))
         connection = http.client.HTTPConnection(HOST, server.get_port())
         connection.request('GET', '/', headers={'Host': 'other.example'})
         if connection.getresponse().status != http.HTTPStatus.FORBIDDEN:

@@ -21,7 +21,6 @@ HOST, PORT = '127.0.0.1', 8080
 # What a view of a running arm prints once a browser shows it.
 OPENED = 'a browser has opened the page'
 NEEDED = ('viser', 'trimesh', 'collada')
-IN_USE = 'port {} is in use: --port 0 takes a free one'
 # The arm comes first where processors are few.
 NICENESS = 10
 
@@ -38,7 +37,7 @@ def check_page(port: int) -> None:
         except PermissionError as error:
             raise ValueError(f'port {port} needs privileges: --port 0 takes a free one') from error
         except OSError as error:
-            raise ValueError(IN_USE.format(port)) from error
+            raise ValueError(f'port {port} is in use: --port 0 takes a free one') from error
 
 
 def view_process(

@@ -33,16 +33,11 @@ from pfd_ros.cli.main import main as pfd_main
 from pfd_ros.testing import LockstepArm
 
 ACTION = ROOT / '.github' / 'actions' / 'test-controller' / 'action.yml'
-RUFF = [
-    'ruff',
-    'check',
-    '--isolated',
-    '--line-length',
-    '99',
-    '--select',
-    'E,F,W,B,UP,C4,RET,SIM,PT',
-]
-FORMAT = ['ruff', 'format', '--check', '--isolated', '--line-length', '99']
+# What ruff checks in a package.
+LINT = (
+    'check --isolated --line-length 99 --select E,F,W,B,UP,C4,RET,SIM,PT',
+    "format --check --isolated --line-length 99 --config format.quote-style='single'",
+)
 SLOW = pytest.mark.slow
 WITHOUT_GRAVITY = 'pfd.Scene(armature=SCENE.armature, damping=SCENE.damping, gravity=None)'
 # Of the states of a recorded arm, Hz.
@@ -287,9 +282,9 @@ def test_a_bag_with_two_robots_is_refused_by_their_topics(folder, capsys):
 
 def test_a_package_is_formatted_and_free_of_lint(folder):
     package = init('--urdf', 'arm.urdf', '--ros2-control')
-    for command in (RUFF, [*FORMAT, '--config', "format.quote-style='single'"]):
+    for words in LINT:
         tool = Path(sys.executable).with_name('ruff')
-        done = subprocess.run([tool, *command[1:], package], check=False, capture_output=True)
+        done = subprocess.run([tool, *words.split(), package], check=False, capture_output=True)
         assert done.returncode == 0, done.stdout.decode()
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 import pickle
 import re
 from typing import Any
@@ -75,13 +76,15 @@ def test_runs_of_one_controller_have_the_same_bits_in_one_piece_or_several():
 
 
 @pytest.mark.parametrize('rate', [0.0, 200.0])
-def test_the_arm_moves_as_the_simulator_under_the_same_efforts(rate):
-    arm = ur5(publish_rate=rate)
+def test_the_arm_of_objects_moves_as_the_simulator_under_the_same_efforts(rate):
+    robot, scene = pfd.load_robot('planar2'), pfd.Scene(gravity=None, damping=[0.3, 0.2])
+    arm = LockstepArm(robot, scene=scene, publish_rate=rate, **UNLIMITED)
+    assert arm.robot is robot
     steps = 5 if rate else 1
     assert arm.period == pytest.approx(steps * 1e-3)
     found = arm.run(pd, 0.2)
     assert found.time == pytest.approx(START + arm.period * np.arange(200 // steps))
-    sim = pfd.Simulator(arm.robot, pfd.Scene(armature='model', brakes=True))
+    sim = pfd.Simulator(robot, replace(scene, brakes=True))
     for k in range(200 // steps):
         assert (found.q[k] == sim.q).all()
         assert (found.qd[k] == sim.qd).all()
@@ -298,18 +301,6 @@ def test_an_overflowing_simulation_is_an_error_with_its_time():
 def test_settings_that_do_not_go_with_a_test_are_refused(settings, text):
     with pytest.raises(ValueError, match=text):
         LockstepArm(**{'robot': 'ur5', **settings})
-
-
-def test_a_robot_and_a_scene_may_be_objects():
-    robot = pfd.load_robot('planar2')
-    scene = pfd.Scene(gravity=None, damping=[0.3, 0.2])
-    arm = LockstepArm(robot, scene=scene, **UNLIMITED)
-    assert arm.robot is robot
-    found = arm.run(lambda t, q, qd: [1.0, 0.0], 0.1)
-    sim = pfd.Simulator(robot, pfd.Scene(gravity=None, damping=[0.3, 0.2], brakes=True))
-    for k in range(100):
-        assert (found.q[k] == sim.q).all()
-        sim.step([1.0, 0.0])
 
 
 def test_limits_of_0_in_a_urdf_are_none_to_the_arm_and_its_assertions(tmp_path):

@@ -177,12 +177,8 @@ def restart(state: State) -> None:
 
 def timeout_text(settings: Settings) -> str:
     """Return the line about a watchdog that has acted."""
-    return (
-        f'no command for {settings.command_timeout:g} s (command_timeout): '
-        f'{ACTIONS[settings.on_timeout]}; a topic-based hardware of ros2_control sends none while '
-        'its command equals the state: give it '
-        '<param name="trigger_joint_command_threshold">-1</param>'
-    )
+    seconds, action = settings.command_timeout, ACTIONS[settings.on_timeout]
+    return f'no command for {seconds:g} s (command_timeout): {action}'
 
 
 class Link:

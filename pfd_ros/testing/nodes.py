@@ -444,9 +444,7 @@ class NodeLink:
         # Timers on wall time are looked at between.
         look = LOOK_SECONDS / 50 if self._timers else LOOK_SECONDS
         while not self._came:
-            until = perf_counter() + look
-            while not self._came and (left := until - perf_counter()) > 0.0:
-                self._spin(None, left)
+            self._spin(None, look)
             self._drain()
             self._check_processes()
             if perf_counter() > deadline:

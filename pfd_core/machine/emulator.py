@@ -95,6 +95,9 @@ class _Machine:
         """Execute the instructions in order, repeating loops; return the registers."""
         instructions = self.program.instructions
         self.registers: list[Any] = [None] * len(instructions)
+        self.meanings = {
+            op: self.arithmetic.meaning(op) for op, row in OPERATIONS.items() if row.meaning
+        }
         at = turn = at_most = 0
         while at < len(instructions):
             one = instructions[at]
@@ -135,7 +138,18 @@ class _Machine:
     def _execute(self, instruction: Instruction) -> Any:
         """Return the row that one instruction leaves in its register."""
         op, args, data, active, _ = instruction
-        number, zero = self.arithmetic.number, self.arithmetic.number(0.0)
+        meaning = self.meanings.get(op)
+        if meaning is not None:
+            operands = [self.registers[a] for a in args]
+            lanes = len(operands[0])
+            if active == (1 << lanes) - 1:
+                return meaning(*operands)
+            on = [lane for lane in range(lanes) if active >> lane & 1]
+            row = np.zeros_like(operands[0])
+            row[on] = meaning(*(operand[on] for operand in operands))
+            return row
+        number = self.arithmetic.number
+        zero = number(0.0)
         if op == 'constant':
             return np.stack([np.full(self.batch, number(value)) for value in data])
         if op == 'input':
@@ -150,19 +164,10 @@ class _Machine:
                 elif not active >> lane & 1:
                     row[lane] = zero
             return row
-        if op in ('state', 'result'):
-            if data >= 0:
-                return self.rows[data]
-            return np.stack([self.arithmetic.array(self.iterations)] * self.program.lanes)
-        meaning = self.arithmetic.meaning(op)
-        operands = [self.registers[a] for a in args]
-        lanes = len(operands[0])
-        if active == (1 << lanes) - 1:
-            return meaning(*operands)
-        on = [lane for lane in range(lanes) if active >> lane & 1]
-        row = np.zeros_like(operands[0])
-        row[on] = meaning(*(operand[on] for operand in operands))
-        return row
+        # A state or a result of the loop.
+        if data >= 0:
+            return self.rows[data]
+        return np.stack([self.arithmetic.array(self.iterations)] * self.program.lanes)
 
 
 class _Floats:

@@ -10,7 +10,7 @@ lanes that the instruction works on, as a bit mask. A sequential program has one
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 import operator
@@ -121,23 +121,31 @@ class Program:
             If an argument is not such a number or section.
 
         """
-        processors = self.lanes if processors is None else _integer('processors', processors, 1)
-        iterations = _integer('iterations', iterations, 0)
-        if section is not None:
-            known = tuple(dict.fromkeys(one.section for one in self.instructions))
-            if not isinstance(section, str) or section not in known:
-                raise ValueError(f'section must be one of {known} or None, got {section!r:.100}')
-        totals: Counter[str | None] = Counter()
-        for instruction, times in runs(self, iterations, section):
-            steps = -(-_busy_lanes(instruction) // processors)
-            totals[OPERATIONS[instruction.op].cost] += times * steps
-        return Steps(**{cost: totals[cost] for cost in COSTS})
+        found = count_sections(self, processors, iterations)
+        if section is None:
+            return sum(found.values(), Steps())
+        if not isinstance(section, str) or section not in found:
+            raise ValueError(
+                f'section must be one of {tuple(found)} or None, got {section!r:.100}'
+            )
+        return found[section]
 
 
-def runs(
-    program: Program, iterations: int = 1, section: str | None = None
-) -> Iterator[tuple[Instruction, int]]:
-    """Yield the instructions, or those of a section, each with the number of its runs."""
+def count_sections(
+    program: Program, processors: int | None = None, iterations: int = 1
+) -> dict[str, Steps]:
+    """Return the steps of each section; arguments and errors as for Program.count."""
+    processors = program.lanes if processors is None else _integer('processors', processors, 1)
+    iterations = _integer('iterations', iterations, 0)
+    totals: defaultdict[str, Counter[str | None]] = defaultdict(Counter)
+    for instruction, times in runs(program, iterations):
+        steps = -(-_busy_lanes(instruction) // processors)
+        totals[instruction.section][OPERATIONS[instruction.op].cost] += times * steps
+    return {name: Steps(**{cost: own[cost] for cost in COSTS}) for name, own in totals.items()}
+
+
+def runs(program: Program, iterations: int = 1) -> Iterator[tuple[Instruction, int]]:
+    """Yield the instructions, each with the number of its runs."""
     times = at_most = 1
     for instruction in program.instructions:
         if instruction.op == 'loop':
@@ -146,8 +154,7 @@ def runs(
             times = min(times, at_most - 1)
         elif instruction.op == 'end':
             times = 1
-        if section is None or instruction.section == section:
-            yield instruction, times
+        yield instruction, times
 
 
 def renamed(program: Program, instructions: list[Instruction], names: list[int]) -> Program:

@@ -39,7 +39,7 @@ from heapq import heappop, heappush
 import math
 from typing import Any, NamedTuple
 
-from pfd_core.machine.program import Program, Steps, runs
+from pfd_core.machine.program import Program, Steps, count_sections, runs
 from pfd_core.model.values import choice
 
 Sources = Sequence[int | None]  # the data of a route: the lane each lane takes its value from
@@ -209,17 +209,9 @@ def steps(
     counted = program.count(processors, section, iterations)
     if network == 'crossbar':
         return counted
-    if processors is not None and processors < program.lanes:
-        raise ValueError(
-            f'network {network!r} needs a processor for each of {program.lanes} lanes, '
-            f'got {processors}'
-        )
-    routes: Counter[tuple[int | None, ...]] = Counter()  # many are alike
-    for instruction, times in runs(program, iterations, section):
-        if instruction.op == 'route':
-            routes[instruction.data] += times
+    found = by_section(program, network, processors, iterations)
     return replace(
-        counted, routes=sum(runs * route_steps(network, route) for route, runs in routes.items())
+        counted, routes=sum(own.routes for name, own in found.items() if section in (None, name))
     )
 
 
@@ -230,8 +222,23 @@ def by_section(
     iterations: int = 1,
 ) -> dict[str, Steps]:
     """Return the steps of each section of a program; arguments and errors as for `steps`."""
-    names = dict.fromkeys(one.section for one in program.instructions)
-    return {name: steps(program, network, processors, name, iterations) for name in names}
+    choice('network', network, NETWORKS)
+    counted = count_sections(program, processors, iterations)
+    if network == 'crossbar':
+        return counted
+    if processors is not None and processors < program.lanes:
+        raise ValueError(
+            f'network {network!r} needs a processor for each of {program.lanes} lanes, '
+            f'got {processors}'
+        )
+    routes: Counter[tuple[str, tuple[int | None, ...]]] = Counter()  # many are alike
+    for instruction, times in runs(program, iterations):
+        if instruction.op == 'route':
+            routes[instruction.section, instruction.data] += times
+    taken: Counter[str] = Counter()
+    for (name, route), times in routes.items():
+        taken[name] += times * route_steps(network, route)
+    return {name: replace(own, routes=taken[name]) for name, own in counted.items()}
 
 
 def carrier(network: str) -> Callable[[Sources, Sequence[Any]], list[Mapping[int, Any]]]:

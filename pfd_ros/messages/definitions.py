@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any
 
 from rosbags.interfaces import Nodetype
@@ -22,11 +22,13 @@ def known_types() -> Typestore:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
+@cache
 def definition_of(kind: str) -> str:
     """Return the definition of a type with all it uses (`ros2msg`); ValueError if unknown."""
     return _known(kind).generate_msgdef(kind, ros_version=2)[0]
 
 
+@cache
 def type_hash(kind: str) -> str:
     """Return the hash by which peers recognise a type, 'RIHS01_...'; ValueError if unknown."""
     return _known(kind).hash_rihs01(kind)
@@ -38,6 +40,7 @@ def _known(kind: str) -> Typestore:
     return known_types()
 
 
+@lru_cache(64)  # the code that decodes a type is generated for each store
 def store_of(kind: str, definition: str) -> Typestore:
     """Return the types of a definition (`ros2msg`); ValueError for one that cannot be used.
 

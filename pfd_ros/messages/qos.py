@@ -8,6 +8,7 @@ the numbers of rmw, later their names.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import yaml
@@ -26,6 +27,7 @@ class Qos(NamedTuple):
     transient_local: bool = False
 
 
+@lru_cache(64)
 def qos_text(qos: Qos) -> str:
     """Return the text of a profile; deadline, lifespan and liveliness have their defaults."""
     profile = {

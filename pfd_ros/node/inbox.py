@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from concurrent.futures import TimeoutError as LateError
 from contextlib import AbstractContextManager, suppress
 import threading
@@ -116,3 +116,6 @@ class Changes:
                 with self._compiling():
                     self._engine.prepare(role, data)
                 self._inbox.put(role, data, verdict)
+                # The next one is prepared for the arm that this one changes.
+                while not (verdict.done() or stopped()):
+                    wait([verdict], LOOK_SECONDS)

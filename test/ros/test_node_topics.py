@@ -6,10 +6,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import nullcontext
 from dataclasses import replace
 from importlib import import_module
 from itertools import cycle
 import signal
+import threading
 import time
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -34,6 +36,7 @@ from pfd_ros.arm.engine import LARGEST as LARGEST_INPUT
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import OPTIONAL as OPTIONAL_OUTPUTS
 from pfd_ros.arm.events import ROLES as ARM_ROLES
+from pfd_ros.arm.events import Verdict
 from pfd_ros.arm.settings import Settings
 from pfd_ros.recording.log import Log as RecordedLog
 from pfd_ros.replay.verify import verify as verify_log
@@ -506,6 +509,26 @@ def test_diagnostics_are_of_one_plant_while_the_arm_takes_over_another():
     for _ in range(4):
         names = [status.name for status in diagnostics.tasks()]
         assert names == ['stepping', 'commands', 'simulation', 'recording']
+
+
+@pytest.mark.ros
+def test_a_change_is_prepared_for_the_arm_that_the_change_before_it_made():
+    from pfd_ros.node.inbox import Changes, Inbox
+
+    inbox, stop, prepared = Inbox(print), threading.Event(), list[bytes]()
+    engine: Any = SimpleNamespace(prepare=lambda role, data: prepared.append(data))
+    changes = Changes(engine, inbox, print, nullcontext)
+    for data in (b'1', b'2'):
+        changes.put('parameters', data)
+    thread = threading.Thread(target=changes.run, args=(stop.is_set,))
+    thread.start()
+    for count in (1, 2):
+        ((_, verdict),) = inbox.take(5.0)
+        time.sleep(0.05)  # for the second one, if it were prepared at once
+        assert len(prepared) == count
+        verdict.set_result(Verdict('accepted'))
+    stop.set()
+    thread.join()
 
 
 # One arm for several tests, the last ones: it runs until the module ends.

@@ -163,6 +163,17 @@ def test_a_mass_that_bounces_lies_on_its_stop_within_a_step_of_the_last_bounce(
         assert ((q[moving] != 0.0) | (v[moving] != 0.0)).all()
 
 
+def test_joints_with_friction_that_throw_each_other_off_their_stops_come_to_rest_there() -> None:
+    robot = random_chain(np.random.default_rng(0), 2, 0.0)
+    stops = [[-1.0, 0.0], [-1.0, 0.0]]
+    scene = pfd.Scene(gravity=None, joint_limits=stops, friction=[0.2, 0.1], restitution=0.5)
+    arm = pfd.Simulator(robot, scene, step_size=1e-2, substeps=1)
+    arm.reset([-1e-4, 0.0], [1.0, 0.0])
+    assert arm.rollout(np.full((20, 2), 5.0)).status == 'ok'
+    assert not arm.q.any()
+    assert not arm.qd.any()
+
+
 def test_an_ensemble_reports_for_each_arm_why_it_failed() -> None:
     scene = pfd.Scene(gravity=None, joint_limits=[[0.0, 1e-7]], restitution=[1.0])
     arms = pfd.Ensemble(slider(1, 0, 0.5), 4, scene, step_size=STEP, substeps=1)

@@ -52,7 +52,7 @@ from pfd_core.dynamics.numbers import Numbers
 from pfd_core.machine.lanes import absolute, sqrt, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.simulation.dry import Law, read, single
+from pfd_core.simulation.dry import LEAST_HEIGHT, Law, read, single
 from pfd_core.simulation.flags import (
     any_of,
     both,
@@ -66,10 +66,6 @@ from pfd_core.simulation.flags import (
 
 # Maximum number of pivots per joint. Random matrices of condition 1e8 need less than four.
 PIVOTS = 4
-# Height of the lowest bounce [rad or m]. It is a few thousand roundings of a position of order
-# one, and no sensor of a joint resolves it. What is left of the bounces under the acceleration a
-# takes less than 2 sqrt(2 LEAST_HEIGHT / a) / (1 - e): 0.03 ms at e = 0.97 under gravity.
-LEAST_HEIGHT = 1e-12
 # A joint is put onto its stop where it has passed it by rounding alone: by so many roundings of
 # the stop's position, or LEAST_HEIGHT.
 ROUNDINGS = 4

@@ -187,6 +187,8 @@ def expand_sines(program: Program, dtype: str) -> Program:
 TABLE_BITS = 1280  # at least 971, the largest e, and 256
 TURN_BITS = 256
 TWO_PI_BITS = 125  # 2 pi is then a 128-bit integer
+# Bits of a word of memory.
+WORD = 64
 # Binary digits of a significand, and the offset of the exponent when it is an integer.
 DIGITS = 53
 OFFSET = 1075
@@ -217,10 +219,30 @@ def wrap_angle(limit: float = WRAP_LIMIT) -> str:
     because no double in reach comes closer to a multiple of 2 pi than 2^-62 turns, which the
     tests prove.
 
-    The IR declares @llvm.ctlz.i256; a module must not declare it again.
+    The IR declares intrinsics; a module must not declare them again. It loads the words of
+    1 / 2 pi that it needs: a shift of all bits takes three times as long to compile.
     """
+    words = [TURNS >> WORD * k & (1 << WORD) - 1 for k in range(TABLE_BITS // WORD + 1)]
+    loaded = [
+        f"""
+  %index{k} = add i64 %first, {k}
+  %place{k} = getelementptr i64, ptr @turns, i64 %index{k}
+  %word{k} = load i64, ptr %place{k}"""
+        for k in range(TURN_BITS // WORD + 1)
+    ]
+    joined = [
+        f"""
+  %part{k} = call i64 @llvm.fshr.i64(i64 %word{k + 1}, i64 %word{k}, i64 %down)
+  %wide{k} = zext i64 %part{k} to i{TURN_BITS}
+  %moved{k} = shl i{TURN_BITS} %wide{k}, {WORD * k}
+  %window{k + 1} = or i{TURN_BITS} %window{k}, %moved{k}"""
+        for k in range(TURN_BITS // WORD)
+    ]
     return f"""
+declare i64 @llvm.fshr.i64(i64, i64, i64)
 declare i256 @llvm.ctlz.i256(i256, i1 immarg)
+
+@turns = internal constant [{len(words)} x i64] [{', '.join(f'i64 {word}' for word in words)}]
 
 define internal double @wrap_angle(double %x) noinline cold {{
 entry:
@@ -242,11 +264,10 @@ reduce:
   %fraction = and i64 %bits, {2**52 - 1}
   %m64 = or i64 %fraction, {2**52}
   %m = zext i64 %m64 to i{TURN_BITS}
-  %down64 = sub i64 {TABLE_BITS - TURN_BITS + OFFSET}, %biased
-  %down = zext i64 %down64 to i{TABLE_BITS}
-  %shifted = lshr i{TABLE_BITS} {TURNS}, %down
-  %window = trunc i{TABLE_BITS} %shifted to i{TURN_BITS}
-  %signed = mul i256 %window, %m
+  %down = sub i64 {TABLE_BITS - TURN_BITS + OFFSET}, %biased
+  %first = udiv i64 %down, {WORD}
+  %window0 = add i{TURN_BITS} 0, 0{''.join(loaded)}{''.join(joined)}
+  %signed = mul i256 %window{TURN_BITS // WORD}, %m
   %negative = icmp slt i256 %signed, 0
   %opposite = sub i256 0, %signed
   %turns = select i1 %negative, i256 %opposite, i256 %signed

@@ -39,8 +39,10 @@ def lower(
     """
     if recorded.lanes != 1:
         raise ValueError(f'recorded must be a sequential program, got {recorded.lanes} lanes')
-    folded = eliminate_dead_code(fold(recorded), outputs)
-    program = eliminate_dead_code(fold(expand_sines(folded, dtype)))
+    folded = program = eliminate_dead_code(fold(recorded), outputs)
+    # What is folded does not change if it is folded again.
+    if any(instruction.op in ('sin', 'cos') for instruction in folded.instructions):
+        program = eliminate_dead_code(fold(expand_sines(folded, dtype)))
     if fma:
         program = eliminate_dead_code(fuse(program))
     return Stages(recorded, folded, schedule(program))

@@ -58,7 +58,7 @@ def split(program: Program, size: int) -> list[Part]:
         for register in own:
             args = tuple(name(a, part, names) for a in instructions[register].args)
             names[register] = len(part)
-            part.append(instructions[register]._replace(args=args))
+            part.append(instructions[register].reading(args))
         writes = [('frame', slots[r], names[r]) for r in own if r in slots]
         writes += [('out', k, name(r, part, names)) for k, r in elements[p]]
         parts.append(Part(Program(1, tuple(part), inputs, {}), writes))

@@ -49,7 +49,7 @@ def schedule(program: Program) -> Program:
             for a in instruction.args:
                 write(a)
             names[register] = len(written)
-            written.append(instruction._replace(args=tuple(names[a] for a in instruction.args)))
+            written.append(instruction.reading([names[a] for a in instruction.args]))
 
     for register in (*_order(program), *_results(program)):
         write(register)
@@ -90,15 +90,17 @@ def _order(program: Program) -> list[int]:
     missing = [len(found) for found in operands]
     frees = [sum(unread[a] == 1 for a in found) for found in operands]
     ready = [r for r, i in enumerate(instructions) if i.op not in FREE and not missing[r]]
+    # What each operation gains, by the worth of a register; of equal ones the first is taken.
+    size = len(instructions)
+    gains = {
+        worth: [(worth * frees[r] + after[r]) * size - r for r in range(size)]
+        for worth in (WORTH, WORTH_CROWDED)
+    }
     order: list[int] = []
     alive = 0
-
-    def gain(register: int) -> tuple[int, int]:
-        worth = WORTH if alive < REGISTERS else WORTH_CROWDED
-        return worth * frees[register] + after[register], -register
-
     while ready:
-        chosen = max(ready, key=gain)
+        gain = gains[WORTH if alive < REGISTERS else WORTH_CROWDED]
+        chosen = max(ready, key=gain.__getitem__)
         ready.remove(chosen)
         order.append(chosen)
         alive += 1
@@ -107,7 +109,8 @@ def _order(program: Program) -> list[int]:
             alive -= unread[a] == 0
             if unread[a] == 1:
                 for user in users[a]:
-                    frees[user] += 1
+                    for worth, own in gains.items():
+                        own[user] += worth * size
         for user in users[chosen]:
             missing[user] -= 1
             if not missing[user]:

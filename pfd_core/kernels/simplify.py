@@ -61,8 +61,7 @@ def eliminate_dead_code(program: Program, outputs: Collection[str] | None = None
     for register, instruction in enumerate(program.instructions):
         names.append(len(instructions))
         if register in read:
-            args = tuple(names[a] for a in instruction.args)
-            instructions.append(instruction._replace(args=args))
+            instructions.append(instruction.reading([names[a] for a in instruction.args]))
     pruned = Program(program.lanes, program.instructions, program.inputs, kept)
     return renamed(pruned, instructions, names)
 
@@ -88,6 +87,7 @@ class _Folder:
     def __init__(self) -> None:
         self.instructions: list[Instruction] = []
         self.names: list[int] = []  # register of the old program -> register of the new one
+        self._values: list[float | None] = []  # the numbers in registers that hold a constant
         self._known: dict[tuple[object, ...], int] = {}
         self._section = ''
         self._rules: dict[str, Callable[..., int | None]] = {
@@ -102,7 +102,7 @@ class _Folder:
     def add(self, instruction: Instruction) -> None:
         """Write one instruction of the old program, simplified."""
         op, args, data, _, self._section = instruction
-        args = tuple(self.names[a] for a in args)
+        args = tuple([self.names[a] for a in args])
         if op == 'constant':
             register = self._constant(data[0])
         elif op in UNFOLDED:
@@ -114,19 +114,24 @@ class _Folder:
     def _write(self, op: str, args: tuple[int, ...], data: object = None) -> int:
         """Return the register that holds this expression, written now or before."""
         key = _key(op, args, data)
-        if key not in self._known:
-            self._known[key] = len(self.instructions)
+        register = self._known.get(key)
+        if register is None:
+            register = self._known[key] = len(self.instructions)
             self.instructions.append(Instruction(op, args, data, 1, self._section))
-        return self._known[key]
+            self._values.append(None)
+        return register
 
     def _constant(self, value: float) -> int:
         # There is only one zero: no rule keeps its sign.
-        return self._write('constant', (), (value + 0.0,))
+        value += 0.0
+        register = self._write('constant', (), (value,))
+        self._values[register] = value
+        return register
 
     def _simplify(self, op: str, *args: int) -> int:
         """Return a register that holds `op(*args)`."""
-        numbers = [value for a in args if (value := self._value(a)) is not None]
-        if len(numbers) == len(args) and op in SCALAR:
+        numbers = [self._values[a] for a in args]
+        if None not in numbers and op in SCALAR:
             # A result that is not finite is not folded.
             with suppress(ZeroDivisionError, ValueError, OverflowError):
                 result = SCALAR[op](*numbers)
@@ -136,11 +141,6 @@ class _Folder:
         return self._write(op, args) if simpler is None else simpler
 
     # What a register holds.
-
-    def _value(self, register: int) -> float | None:
-        """Return the number in a register that holds a constant."""
-        instruction = self.instructions[register]
-        return float(instruction.data[0]) if instruction.op == 'constant' else None
 
     def _negated(self, register: int) -> int | None:
         """Return x if the register holds -x."""
@@ -153,7 +153,7 @@ class _Folder:
         if instruction.op != 'mul':
             return None
         for a, x in (instruction.args, instruction.args[::-1]):
-            value = self._value(a)
+            value = self._values[a]
             if value is not None and math.frexp(value)[0] == 0.5:
                 return value, x
         return None
@@ -161,9 +161,9 @@ class _Folder:
     # Rules: a simpler expression, or None.
 
     def _add(self, a: int, b: int) -> int | None:
-        if self._value(a) == 0:
+        if self._values[a] == 0:
             return b
-        if self._value(b) == 0:
+        if self._values[b] == 0:
             return a
         if a == b:
             return self._simplify('mul', a, self._constant(2.0))
@@ -176,9 +176,9 @@ class _Folder:
     def _sub(self, a: int, b: int) -> int | None:
         if a == b:
             return self._constant(0.0)
-        if self._value(b) == 0:
+        if self._values[b] == 0:
             return a
-        if self._value(a) == 0:
+        if self._values[a] == 0:
             return self._simplify('neg', b)
         if (x := self._negated(b)) is not None:
             return self._simplify('add', a, x)
@@ -192,7 +192,7 @@ class _Folder:
         return None if opposite is None else self._simplify('neg', opposite)
 
     def _mul(self, a: int, b: int) -> int | None:
-        values = self._value(a), self._value(b)
+        values = self._values[a], self._values[b]
         if 0 in values:
             return self._constant(0.0)
         if values[0] == 1:
@@ -216,25 +216,27 @@ class _Folder:
         if scaled is None:
             return None
         factor, x = scaled
-        value = self._value(a)
+        value = self._values[a]
         if value is not None and math.isfinite(value * factor):
             return self._simplify('mul', self._constant(value * factor), x)
         product = self._known.get(_key('mul', (a, x)))
         return None if product is None else self._simplify('mul', product, self._constant(factor))
 
     def _div(self, a: int, b: int) -> int | None:
-        zero = self._value(a) == 0 and self._value(b) != 0
+        zero = self._values[a] == 0 and self._values[b] != 0
         return self._constant(0.0) if zero else None
 
     def _select(self, condition: int, a: int, b: int) -> int | None:
         if a == b:
             return a
-        value = self._value(condition)
+        value = self._values[condition]
         return None if value is None else a if value > 0 else b
 
 
 def _key(op: str, args: tuple[int, ...], data: object = None) -> tuple[object, ...]:
-    return op, tuple(sorted(args)) if op in COMMUTATIVE else args, data
+    if op in COMMUTATIVE and args[0] > args[1]:
+        args = args[::-1]
+    return op, args, data
 
 
 def fuse(program: Program) -> Program:
@@ -263,10 +265,10 @@ def fuse(program: Program) -> Program:
         return negatives[register]
 
     for register, instruction in enumerate(old):
-        args = tuple(names[a] for a in instruction.args)
+        args = tuple([names[a] for a in instruction.args])
         product = taken.get(register)
         if product is None:
-            names.append(write(instruction._replace(args=args)))
+            names.append(write(instruction.reading(args)))
             continue
         a, b = (names[r] for r in old[product].args)
         first = instruction.args[0] == product

@@ -170,10 +170,13 @@ class Recorder:
 
     def constant(self, values: float | Sequence[float] | NDArray[np.float64]) -> Lanes:
         """Return a row of numbers known while recording: one for all lanes, or one each."""
-        row = np.broadcast_to(np.asarray(values, dtype=np.float64), (self.lanes,))
-        key = tuple(float(value).hex() for value in row)
+        if isinstance(values, float):
+            row = [float(values)] * self.lanes
+        else:
+            row = np.broadcast_to(np.asarray(values, np.float64), (self.lanes,)).tolist()
+        key = tuple([value.hex() for value in row])
         if key not in self._constants:
-            self._constants[key] = self._row('constant', (), row.tolist(), self.all)
+            self._constants[key] = self._row('constant', (), row, self.all)
         return self._constants[key]
 
     def _row(

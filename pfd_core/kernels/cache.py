@@ -171,11 +171,13 @@ def _warn(text: str) -> None:
 
 def _source() -> str | None:
     """Return the digest of the source files of this package; None if they cannot be read."""
-    parts: list[str] = []
+    found = hashlib.sha256()
     with suppress(OSError):
-        for path in sorted(PACKAGE.rglob('*.py')):
-            parts += str(path.relative_to(PACKAGE)), path.read_text('utf-8')
-        return digest(*parts) if parts else None
+        paths = sorted(PACKAGE.rglob('*.py'))
+        for path in paths:
+            data = path.read_bytes()
+            found.update(f'{path.relative_to(PACKAGE)} {len(data)} '.encode() + data)
+        return found.hexdigest() if paths else None
     return None
 
 

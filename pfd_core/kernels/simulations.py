@@ -154,8 +154,8 @@ class StepCode:
         Robot and scene.
     further : tuple of str
         Rows of the state besides q and qd.
-    programs : dict
-        Recorded programs by name.
+    programs : callable
+        Records the programs; returns them by name.
     write : callable
         See Writer.
     evaluations : int
@@ -174,7 +174,7 @@ class StepCode:
 
     plant: Plant
     further: tuple[str, ...]
-    programs: Mapping[str, Program]
+    programs: Callable[[], dict[str, Program]]
     write: Writer
     evaluations: int
     settings: str
@@ -207,7 +207,7 @@ def compile_steps(
     @cache
     def lowered() -> dict[str, Program]:
         # Without fused operations: limited efforts are compared with those wanted.
-        own = dict(step.programs) | ({} if control is None else {'control': control})
+        own = step.programs() | ({} if control is None else {'control': control})
         return {k: lower(program, spec.dtype, fma=False).compiled for k, program in own.items()}
 
     def dynamics() -> dict[str, Program]:
@@ -230,9 +230,10 @@ def compile_steps(
         ).hexdigest()
 
     keys = {name: source.key for name, source in sources.items()}
+    controls = '' if control is None else digest(control)
     sampled = [] if 'qdd' in written else ['accelerations']
     native = main.compile(
-        f'steps {width} {written} {step.settings} {step.plant.digest} {keys} {control}',
+        f'steps {width} {written} {step.settings} {step.plant.digest} {keys} {controls}',
         ['simulate', *sampled],
         ir,
         described=described,
@@ -323,7 +324,9 @@ def compile_adaptive(
     frame = frame_of(steps.n, steps.inputs)
 
     def ir() -> str:
-        programs = {k: lower(program, spec.dtype).compiled for k, program in step.programs.items()}
+        programs = {
+            k: lower(program, spec.dtype).compiled for k, program in step.programs().items()
+        }
         dynamics = {k: source.program for k, source in sources.items()}
         angles = turned_joints(spec.robot)
         parts = step.write(steps, programs, dynamics, frame, angles)

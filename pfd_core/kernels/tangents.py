@@ -205,7 +205,7 @@ class TangentSource(Recipe):
     def _programs(self) -> dict[str, Program]:
         """Return the lowered programs of the step."""
         found = {}
-        for name, program in self._step.programs.items():
+        for name, program in self._step.programs().items():
             if name not in self._plain:
                 program = dual(lower(program, self._dtype).folded, self._constant)
             found[name] = lower(program, self._dtype, fma=False).compiled

@@ -83,24 +83,28 @@ def adaptive_code(plant: Plant, integrator: str) -> StepCode:
     pair = PAIRS[integrator]
     law = Law(plant, 'float64', SHORT, jumps=True)
     segment = Segment(plant, pair.tableau, 0.0, False, law.load)
-    programs = control_programs(pair, law.n)
-    if has_contact(plant):
-        programs |= event_programs(law, segment)
-        programs |= {'look': _look(law.n), 'looked': _looked(law), 'noted': _noted(law)}
-    else:
-        programs |= segment.programs()
-    for name in (f'stage{pair.end}', 'commit', 'unfinished'):
-        programs.pop(name, None)
     return StepCode(
         plant,
         (),
-        programs,
+        partial(_programs, law, segment, pair),
         partial(write_functions, partial(AdaptiveWriter, law, segment, pair=pair)),
         pair.tableau.stages,
         integrator,
         contact=has_contact(plant),
-        stops='hits' in programs,
+        stops=plant.joint_limits is not None,
     )
+
+
+def _programs(law: Law, segment: Segment, pair: EmbeddedPair) -> dict[str, Program]:
+    found = control_programs(pair, law.n)
+    if has_contact(law.plant):
+        found |= event_programs(law, segment)
+        found |= {'look': _look(law.n), 'looked': _looked(law), 'noted': _noted(law)}
+    else:
+        found |= segment.programs()
+    for name in (f'stage{pair.end}', 'commit', 'unfinished'):
+        found.pop(name, None)
+    return found
 
 
 def _dense_rows() -> list[str]:

@@ -52,13 +52,18 @@ PLAIN = ('narrow', 'aim', 'hits', 'reach', 'shift', 'closing', 'braked')
 def dual_step(plant: Plant, integrator: str, h: float) -> StepCode:
     """Return a step of length h [s] of an integrator, with positions as plain sums."""
     step = step_code(plant, integrator, h, 'float64', False, short=SHORT, writer=DualWriter)
-    programs = dict(step.programs)
+    write = partial(_with_brakes, step.write) if plant.brakes else step.write
+    return replace(step, programs=partial(_programs, step), write=write)
+
+
+def _programs(step: StepCode) -> dict[str, Program]:
+    plant, found = step.plant, step.programs()
     if step.contact:
-        programs |= {'reach': record_reach(), 'shift': record_shift(Law(plant, 'float64'))}
-    if not plant.brakes:
-        return replace(step, programs=programs)
-    programs |= {'closing': record_closing(plant.robot.n), 'braked': record_braked(plant.robot.n)}
-    return replace(step, programs=programs, write=partial(_with_brakes, step.write))
+        found |= {'reach': record_reach(), 'shift': record_shift(Law(plant, 'float64'))}
+    if plant.brakes:
+        n = plant.robot.n
+        found |= {'closing': record_closing(n), 'braked': record_braked(n)}
+    return found
 
 
 def record_reach() -> Program:

@@ -84,7 +84,7 @@ def step_code(
         return StepCode(
             plant,
             tuple(further),
-            segment.programs(),
+            segment.programs,
             partial(_smooth, writer.kind, segment, shared),
             1 + len(segment.stages) - shared,
             settings,
@@ -93,16 +93,15 @@ def step_code(
         )
     law = Law(plant, dtype, short=short)
     segment = Segment(plant, tableau, h, compensated, law.load, loaded=not law.drives)
-    programs = event_programs(law, segment)
     return StepCode(
         plant,
         (*further, UNFINISHED),
-        programs,
+        partial(event_programs, law, segment),
         partial(write_functions, partial(writer, law, segment)),
         1 + len(segment.stages),
         settings,
         contact=True,
-        stops='hits' in programs,
+        stops=plant.joint_limits is not None,
         # Only whether it is zero counts: each segment has a length of its own.
         implicit=float(not segment.damped),
     )

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator
+from contextlib import suppress
 import gc
 import os
 from pathlib import Path
@@ -14,7 +15,6 @@ import tempfile
 from typing import Any
 
 from hypothesis import HealthCheck, settings
-from hypothesis.internal.conjecture import providers
 import pytest
 
 from pfd_core.kernels import native, threads
@@ -47,8 +47,12 @@ settings.register_profile(
     'search', settings.get_profile('repeatable'), derandomize=False, max_examples=2000
 )
 settings.load_profile('repeatable')
-# Constants of the modules that are imported by chance change the examples, and take a second.
-providers._get_local_constants = lambda: providers._local_constants
+# Constants of the modules that are imported by chance change the examples, and take a second; no
+# setting leaves them out, and other versions of hypothesis have none.
+with suppress(ImportError):
+    from hypothesis.internal.conjecture import providers
+
+    providers._get_local_constants = lambda: providers._local_constants
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -81,8 +85,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
-    """Return one worker more than processors: a test that waits for a node needs none."""
-    return cores() + 1
+    """Return two workers more than processors: a test that waits for a node needs none."""
+    return cores() + 2
 
 
 @pytest.hookimpl(tryfirst=True)

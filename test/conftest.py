@@ -85,8 +85,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
-    """Return three workers more than processors: a test that waits for a node needs none."""
-    return cores() + 3
+    """Return two workers more than processors: a test that waits for a node needs none."""
+    return cores() + 2
 
 
 @pytest.hookimpl(tryfirst=True)

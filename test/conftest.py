@@ -47,8 +47,8 @@ settings.register_profile(
     'search', settings.get_profile('repeatable'), derandomize=False, max_examples=2000
 )
 settings.load_profile('repeatable')
-# Constants of the modules that are imported by chance change the examples, and take a second; no
-# setting leaves them out, and other versions of hypothesis have none.
+# Hypothesis takes constants of all modules imported so far as examples. That depends on the order
+# of the tests, and takes a second; no setting prevents it. Other versions may lack this module.
 with suppress(ImportError):
     from hypothesis.internal.conjecture import providers
 

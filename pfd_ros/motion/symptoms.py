@@ -21,8 +21,9 @@ must have the larger or the smaller span, too. A turning point is right to half 
 and so are the times between two of them. Efforts are cut to their limits, so commanded efforts and
 measured ones give one diagnosis.
 
-Noise turns, too: the changes of an oscillation over half a period repeat themselves, by their
-correlation. If those of small turns do not, those above a share NOISY of the largest may.
+Noise turns, too, but only an oscillation repeats itself: its changes over half a period are
+opposite half a period later, and alike after a whole one, by their correlation. If the small turns
+do not repeat themselves, only those above a share NOISY of the largest count.
 
 A joint that follows a moving reference turns as often as the reference. It oscillates if its error
 turns HARMONICS times as often, at a share STEADY of the speed of the reference. A joint that runs

@@ -44,9 +44,9 @@ def page(port: int, title: str) -> Iterator[viser.ViserServer]:
     """
     Serve an empty page on a port, 0 for any, until the block ends; to this computer alone.
 
-    Of a port that another program has taken it is the next one that is free. Requests that name
-    another host, or come from a page of another origin, are refused: a page of the internet in the
-    same browser could read the arm's otherwise.
+    If another program has taken the port, the next free one is used. Requests that name another
+    host, or come from a page of another origin, are refused: otherwise a page of the internet in
+    the same browser could read the arm's.
     """
     serve = websockets.asyncio.server.serve
 

@@ -132,6 +132,18 @@ def test_a_model_moves_as_in_mujoco(tmp_path: Path, text: str) -> None:
         np.testing.assert_allclose(pose(q)[:3, :3].ravel(), site.xmat, rtol=0, atol=ROUNDINGS)
 
 
+def test_bodies_whose_joints_lie_elsewhere_keep_their_frames(tmp_path: Path) -> None:
+    robot = pfd.load_robot(written(tmp_path, OFFSETS), right_angle=-1)
+    model = mujoco.MjModel.from_xml_string(OFFSETS)
+    data = mujoco.MjData(model)
+    q = data.qpos[:] = [0.3, -0.5, 0.7, 0.4]
+    mujoco.mj_forward(model, data)
+    for name in ('one', 'two', 'tool'):
+        pose = pfd.compile_kernel(robot, quantity='tip_pose', frame=name)(q)
+        np.testing.assert_allclose(pose[:3, 3], data.body(name).xpos, rtol=0, atol=ROUNDINGS)
+        np.testing.assert_allclose(pose[:3, :3].ravel(), data.body(name).xmat, atol=ROUNDINGS)
+
+
 def test_limits_losses_and_rotors_of_a_model_are_those_of_the_robot(tmp_path: Path) -> None:
     robot = pfd.load_robot(written(tmp_path, OFFSETS))
     assert robot.joint_names == ('a_fixed', 'tool_fixed', 'tip_site', 'd')

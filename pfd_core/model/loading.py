@@ -224,7 +224,8 @@ def urdf_of(source: str | PathLike[str], xacro: Mapping[str, object] | None = No
     """
     Return a robot as URDF: a URDF unchanged and not checked, any other robot converted.
 
-    The arguments are as for `load_robot`, which reads the same robot from the URDF, to rounding.
+    The arguments are as for `load_robot`, which with base and tip of the robot reads the same one
+    from the URDF, to rounding.
     """
     read = _read(source, xacro)
     text: str = read.text if read.kind else load('model.urdf_writer.robot_to_urdf')(read.model())

@@ -3,9 +3,9 @@
 """
 The URDF of a MuJoCo model (MJCF), by the package mujoco, which compiles it.
 
-Each body is a link with its frame at the body's last joint; joints before that move links without
-mass in between. Sites are links, too. A linear equality of two joints is a <mimic>, any other an
-<equality> of the joints that it couples. What else a URDF lacks is named in one warning.
+Each body is a link with its frame; joints that lie elsewhere, or before its last one, move links
+without mass in between. Sites are links, too. A linear equality of two joints is a <mimic>, any
+other an <equality> of the joints that it couples. What else a URDF lacks is named in one warning.
 """
 
 from __future__ import annotations
@@ -251,26 +251,23 @@ def _urdf(mujoco: Any, model: Any) -> str:
     free, (follow, coupled) = _free(model), _equalities(mujoco, model)
     root = ElementTree.Element('robot', name=model.names.split(b'\0', 1)[0].decode())
     _add(root, 'link', name=bodies[0])
-    # The link of each body, '' for none, and its frame in the body's.
-    links, at = [bodies[0]], [np.zeros(3)]
+    # The link of each body, '' for none.
+    links = [bodies[0]]
     for i in range(1, model.nbody):
         parent = model.body_parentid[i]
-        link, frame = links[parent], np.zeros(3)
+        link = links[parent]
         if i in free or not link:
             links.append('')
-            at.append(frame)
             continue
-        R, here = _rotation(mujoco, model.body_quat[i]), model.body_pos[i] - at[parent]
+        # The frame of the body in that of the link, which the first joint turns.
+        R, here = _rotation(mujoco, model.body_quat[i]), model.body_pos[i]
         own = _joints_of(model, i)
         for j in own:
             name = bodies[i]
-            if j != own[-1]:
+            if j != own[-1] or np.any(model.jnt_pos[j]):
                 name = unused(f'{bodies[i]}_{joints[j]}', taken)
                 add_link(root, name, (0.0, np.zeros(3), np.zeros((3, 3))))
-            # The first joint turns the body, the next ones only lie elsewhere.
-            origin = np.eye(3), model.jnt_pos[j] - frame
-            if j == own[0]:
-                origin = R, here + R @ model.jnt_pos[j]
+            origin = R, here + R @ model.jnt_pos[j]
             joint = _add_joint(
                 root, model, j, joints[j], (link, name), origin, _effort(mujoco, model, j)
             )
@@ -280,21 +277,20 @@ def _urdf(mujoco: Any, model: Any) -> str:
                 _add(joint, 'mimic', {'joint': joints[model.eq_obj2id[follow[j]]], **rule})
             if j in coupled:
                 _add(joint, EQUALITY, name=coupled[j])
-            link, frame = name, model.jnt_pos[j].copy()
-        if not own:
+            link, R, here = name, np.eye(3), -model.jnt_pos[j]
+        if link != bodies[i]:
             connection = unused(f'{bodies[i]}_fixed', connections)
             add_connection(root, connection, 'fixed', link, bodies[i], (R, here))
         links.append(bodies[i])
-        at.append(frame)
         turn = _rotation(mujoco, model.body_iquat[i])
         inertia = turn @ np.diag(model.body_inertia[i]) @ turn.T
-        add_link(root, bodies[i], (model.body_mass[i], model.body_ipos[i] - frame, inertia))
+        add_link(root, bodies[i], (model.body_mass[i], model.body_ipos[i], inertia))
     for k, site in enumerate(sites):
         body = model.site_bodyid[k]
         if links[body]:
             name = unused(site, taken)
             _add(root, 'link', name=name)
-            place = _rotation(mujoco, model.site_quat[k]), model.site_pos[k] - at[body]
+            place = _rotation(mujoco, model.site_quat[k]), model.site_pos[k]
             connection = unused(f'{name}_site', connections)
             add_connection(root, connection, 'fixed', links[body], name, place)
     ElementTree.indent(root)

@@ -36,9 +36,10 @@ _add = ElementTree.SubElement
 
 def robot_to_urdf(robot: Robot) -> str:
     """
-    Return a robot as URDF; `load_robot` reads the same robot from it, to rounding.
+    Return a robot as URDF; `load_robot` with its base and tip reads the same robot, to rounding.
 
-    ValueError for a name that XML cannot represent.
+    A URDF states no tip: by default it is the link that the last joint moves. ValueError for a
+    name that XML cannot represent.
     """
     check_robot(robot)
     root = ElementTree.Element('robot', name=robot.name)

@@ -74,7 +74,7 @@ def _cure(own: QoSProfile, topic: str, theirs: QoSProfile, publishes: bool) -> s
         return 'subscribe reliable or best effort, volatile, without deadline and liveliness'
     if theirs.reliability is ReliabilityPolicy.BEST_EFFORT:
         name = f'qos_overrides.{topic}.subscription.reliability'
-        return f'publish reliable, or set {name}:=best_effort'
+        return f'publish reliable, or start the arm with ROS arguments -p {name}:=best_effort'
     latched = own.durability is DurabilityPolicy.TRANSIENT_LOCAL
     durability = 'transient local' if latched else 'volatile'
     return f'publish reliable and {durability}, without deadline and liveliness'

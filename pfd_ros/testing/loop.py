@@ -110,13 +110,15 @@ def run(arm: Any, link: Link, seconds: float, allowed: Collection[str] = ()) -> 
     # States may show the torques or currents of motors: a motion has the efforts, as limits do.
     acted = settings.state_effort != 'command'
     published, k, sent = True, 0, list[int]()
+    end_ns = engine.stamp_ns + round(count * arm.period * NANOSECONDS)
     while True:
         time, measured = seconds_of(engine.stamp_ns), measure()
         if published:
             states[k] = measured
             if acted:
                 states[k, 2] = engine.state.rows[engine.state.now, 2, engine.all_joints]
-            if k == count:
+            # A lost state has no row, but time.
+            if k == count or engine.stamp_ns >= end_ns:
                 break
             times[k] = time
             k += 1
@@ -134,10 +136,10 @@ def run(arm: Any, link: Link, seconds: float, allowed: Collection[str] = ()) -> 
     order, robot = engine.order, arm.robot
     braked = engine.state.acting[BRAKE][order] > 0.0
     bounds = robot.position_lower, robot.position_upper, robot.velocity_limit, robot.effort_limit
-    q, qd, tau = (np.array(x) for x in (states[:-1, 0], states[:-1, 1], states[1:, 2]))
+    q, qd, tau = (np.array(x) for x in (states[:k, 0], states[:k, 1], states[1 : k + 1, 2]))
     return Trajectory(
-        *(times, q, qd, tau, arm.names, Limits(*(bound[order] for bound in bounds)), robot),
-        compute_time=compute_time,
+        *(times[:k], q, qd, tau, arm.names, Limits(*(bound[order] for bound in bounds)), robot),
+        compute_time=compute_time[:k],
         # A timer has a period of its own.
         period=arm.period if len(sent) < 3 else float(np.median(np.diff(sent))) / NANOSECONDS,
         commanded=(tau.any(axis=0) | ~braked).tolist(),

@@ -262,6 +262,7 @@ class NodeLink:
         # Nodes elsewhere by name, and their processes as far as the middleware tells them.
         self._peers: dict[str, _Peer] = {}
         self._places = set[Any]()
+        self._twins = list[str]()
         self._timers: list[Any] = []
         # Commands that came: role, bytes, time of publication [ns].
         self._came: list[tuple[str, bytes, int]] = []
@@ -316,9 +317,9 @@ class NodeLink:
     def _find_peers(self, here: set[str], now: float) -> None:
         """Make a peer of each node that is not hidden and not run here."""
         pairs = self._node.get_node_names_and_namespaces()
-        names = {
-            f'{space.rstrip("/")}/{name}' for name, space in pairs if not name.startswith('_')
-        }
+        listed = [f'{space.rstrip("/")}/{name}' for name, space in pairs if name[0] != '_']
+        names = set(listed)
+        self._twins = sorted(name for name in names if listed.count(name) > 1)
         self._peers = {
             name: self._peers.get(name) or _Peer(self._node, name) for name in sorted(names - here)
         }
@@ -363,7 +364,8 @@ class NodeLink:
         if STATES not in roles and CLOCK not in roles:
             yield f'nobody subscribes to {ends.topic(STATES)} or /clock'
         if len(self._places) < len(self._processes):
-            yield f'nodes of {len(self._places)} of {len(self._processes)} processes'
+            several = f', several with the name {self._twins}' if self._twins else ''
+            yield f'nodes of {len(self._places)} of {len(self._processes)} processes{several}'
         for name, peer in self._peers.items():
             if peer.sim_time is None:
                 yield f'{name} does not reply on {name}/get_parameters'

@@ -100,6 +100,9 @@ def test_seconds_are_whole_control_periods_rounded_up():
     for wrong in (0.0, -1.0, float('inf'), float('nan')):
         with pytest.raises(ValueError, match='seconds is'):
             arm.run(pd, wrong)
+    losing = ur5(drop_state=0.5)
+    assert losing.run(pd, 0.2).time[-1] <= 0.2 <= losing.time - 0.001
+    assert losing.run(pd, 0.2).time[0] >= 0.201
 
 
 def test_the_torque_of_a_row_is_what_acted_within_the_limits_of_the_arm():

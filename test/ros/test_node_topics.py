@@ -221,7 +221,7 @@ def test_a_best_effort_publisher_is_named_with_the_parameter_that_helps(processe
     peer = peer_of(processes)
     commands = peer.node.create_publisher(JointState, 'joint_commands', qos_profile_sensor_data)
     arm.wait_for_text("node '/peer' publishes /joint_commands with incompatible QoS")
-    assert f'publish reliable, or set {override}' in arm.text()
+    assert f'-p {override}' in arm.text()
     wait_for_reports(arm)
     assert arm.text().count('incompatible QoS') == 1
     arm.stop()

@@ -362,9 +362,15 @@ def test_a_process_with_two_nodes_does_not_stand_for_one_that_starts_later(contr
         ControllerProcess([sys.executable, '-c', 'import time; time.sleep(600)']) as late,
         ur5() as arm,
     ):
+        node = controller_of()
         wait_until(lambda: 'two nodes' in two.text())
         with pytest.raises(NoAnswerError, match='within 3 s: nodes of 1 of 2 processes'):
-            arm.spin(0.1, controller_of(), two, late, start_patience=3.0)
+            arm.spin(0.1, node, two, late, start_patience=3.0)
+        with (
+            ControllerProcess([sys.executable, '-c', TWO_NODES]) as twin,
+            pytest.raises(NoAnswerError, match=r"several with the name \['/back', '/front'"),
+        ):
+            arm.spin(0.1, node, two, twin, start_patience=5.0)
 
 
 def test_a_node_that_refuses_to_set_use_sim_time_again_is_named(domain):
@@ -396,7 +402,7 @@ def test_a_node_that_refuses_to_set_use_sim_time_again_is_named(domain):
     [
         (
             *('joint_commands', 'BEST_EFFORT', 'VOLATILE'),
-            "node '/pd' publishes /joint_commands with incompatible .* or set "
+            "node '/pd' publishes /joint_commands with incompatible .* -p "
             'qos_overrides./joint_commands.subscription.reliability:=best_effort',
         ),
         (

@@ -211,9 +211,6 @@ class AdaptiveWriter(EventWriter):
         s.run('finish')
         s.fill('part', 1.0, 1)
         self._slope(s, f'K{self.pair.end}', 'q.end', 'qd.end')
-        if self.events:
-            with s.when_any('held'):
-                self._rest(s, 'end', 'q.end', 'qd.end', 'tau')
         return s
 
     def _dense(self) -> Script:
@@ -239,6 +236,9 @@ class AdaptiveWriter(EventWriter):
             before = {'q': 'q.before', 'qd': 'qd.before', 'r': 'r.look', 'event': 'seek.look'}
             s.run('detect', **own, **before, **{'q.end': 'q.look', 'qd.end': 'qd.look'})
             s.run('looked')
+        # The last part ends where the step does.
+        for name in ('lambda', 'y'):
+            s.copy(f'{name}.look', f'{name}.end')
         with s.when_any('shorter'):
             s.call('segment')
         return s

@@ -71,6 +71,41 @@ PIVOTS = 4
 ROUNDINGS = 4
 
 
+class _ActiveSet:
+    """The inputs of a change of the active set, and the joints that may have one."""
+
+    def __init__(self, n: int) -> None:
+        recorder = self.recorder = Recorder(1, 'sequential')
+        rows = ('x', 'torque', 'load', 'candidate', 'lower', 'upper')
+        self.x, torque, load, candidate, lower, upper = read(recorder, n, *rows)
+        names = ('moving', 'direction', 'barred')
+        self.moving, self.direction, self.barred = read(recorder, n, *names)
+        (self.busy,) = single(recorder, 'busy')
+        # Released joints whose x has the wrong sign.
+        self.wrong = [
+            both(both(candidate[i], self.moving[i]), negated(self.direction[i] * self.x[i]))
+            for i in range(n)
+        ]
+        # By how much the lambda of each joint at rest is above its bounds, and below.
+        lam = [t - c for t, c in zip(torque, load, strict=True)]
+        self.waits = [
+            both(both(candidate[i], negated(self.moving[i])), negated(self.barred[i]))
+            for i in range(n)
+        ]
+        self.above = [lam[i] - upper[i] for i in range(n)]
+        self.below = [lower[i] - lam[i] for i in range(n)]
+
+
+def record_wrong(n: int) -> Program:
+    """Return the program of `busy`, (1,): whether `pivot` has a change; inputs are the same."""
+    now = _ActiveSet(n)
+    outside = [
+        both(waits, either(sign_of(above), sign_of(below)))
+        for waits, above, below in zip(now.waits, now.above, now.below, strict=True)
+    ]
+    return now.recorder.program(busy=[both(now.busy, any_of([*now.wrong, *outside]))])
+
+
 def record_pivot(n: int) -> Program:
     """
     Return the program of one change of the active set.
@@ -78,41 +113,40 @@ def record_pivot(n: int) -> Program:
     Inputs, (n,): x, the solution for the set, torque = H x + bias, load = c + bias, and the
     outputs of dry.record_modes and dry.record_directions. Outputs are the changed ones of these.
     """
-    recorder = Recorder(1, 'sequential')
-    rows = ('x', 'torque', 'load', 'candidate', 'lower', 'upper')
-    x, torque, load, candidate, lower, upper = read(recorder, n, *rows)
-    names = ('moving', 'direction', 'last', 'barred')
-    moving, direction, last, barred = read(recorder, n, *names)
-    (busy,) = single(recorder, 'busy')
+    now = _ActiveSet(n)
+    recorder, x, moving, direction, barred = (
+        now.recorder,
+        now.x,
+        now.moving,
+        now.direction,
+        now.barred,
+    )
+    (last,) = read(recorder, n, 'last')
     zero, one = recorder.constant(0.0), recorder.constant(1.0)
 
     # The fraction of the step to x at which the first released joint comes to zero.
-    wrong = [both(both(candidate[i], moving[i]), negated(direction[i] * x[i])) for i in range(n)]
     ways = [last[i] - x[i] for i in range(n)]
     shares = [where(absolute(ways[i]), last[i] / ways[i], 0.0) for i in range(n)]
-    parts = [where(wrong[i], shares[i], 2.0) for i in range(n)]
+    parts = [where(now.wrong[i], shares[i], 2.0) for i in range(n)]
     part = smallest(parts)
     blocked = sign_of(2.0 - part)
     held_again = list(map(both, first_equal(parts, part), [blocked] * n))
     halfway = [where(held_again[i], 0.0, last[i] + part * (x[i] - last[i])) for i in range(n)]
 
     # The sticking joint whose lambda exceeds its bounds most.
-    lam = [t - c for t, c in zip(torque, load, strict=True)]
-    above = [lam[i] - upper[i] for i in range(n)]
-    below = [lower[i] - lam[i] for i in range(n)]
-    waits = [both(both(candidate[i], negated(moving[i])), negated(barred[i])) for i in range(n)]
     excess = [
-        where(waits[i], where(above[i] - below[i], above[i], below[i]), 0.0) for i in range(n)
+        where(waits, where(above - below, above, below), 0.0)
+        for waits, above, below in zip(now.waits, now.above, now.below, strict=True)
     ]
     most = largest(excess)
     goes_on = either(blocked, sign_of(most))
     released = list(map(both, first_equal(excess, most), [sign_of(most)] * n))
 
     def chosen(old: Lanes, blocked_value: Lanes, other: Lanes) -> Lanes:
-        result: Lanes = where(busy, where(blocked, blocked_value, other), old)
+        result: Lanes = where(now.busy, where(blocked, blocked_value, other), old)
         return result
 
-    sign = [where(above[i], -1.0, 1.0) for i in range(n)]
+    sign = [where(above, -1.0, 1.0) for above in now.above]
     again = [where(held_again[i], 0.0, moving[i]) for i in range(n)]
     more = [where(released[i], 1.0, moving[i]) for i in range(n)]
     sent = [where(released[i], sign[i], direction[i]) for i in range(n)]
@@ -125,7 +159,7 @@ def record_pivot(n: int) -> Program:
         direction=list(map(chosen, direction, back, sent)),
         last=list(map(chosen, last, halfway, x)),
         barred=list(map(chosen, barred, stuck, barred)),
-        busy=[where(busy, goes_on, zero)],
+        busy=[where(now.busy, goes_on, zero)],
     )
 
 

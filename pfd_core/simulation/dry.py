@@ -398,14 +398,14 @@ def record_margins(law: Law) -> Program:
     Return the program of margins and their slopes at a time of the segment.
 
     Inputs are q, the beginning; q.end, qd.end and qdd.end, the state; lambda of joints at rest;
-    direction, moving, unbraked, sticks, turns; and (1,) slack. Outputs, one of each margin: g;
-    d, its slope in time, 0 for a release; and noise, what rounding makes of it. A margin that has
-    no part in the segment is 1.
+    direction, moving, unbraked, sticks, turns; and (1,) loose and slack. Outputs, one of each
+    margin: g; d, its slope in time, 0 for a release; and noise, what rounding makes of it. A
+    margin that has no part in the segment is 1, as are all releases unless one is `loose`.
     """
     segment, n = _Segment(law), law.n
     recorder = segment.recorder
     a, turns = read(recorder, n, 'qdd.end', 'turns')
-    (slack,) = single(recorder, 'slack')
+    loose, slack = single(recorder, 'loose', 'slack')
     g, d, noise = [], [], []
     for margin in law.margins:
         i = margin.joint
@@ -420,6 +420,7 @@ def record_margins(law: Law) -> Program:
             )
             if i not in law.rough:
                 reversal = both(reversal[0], turns[i]), reversal[1]
+            release = both(loose, release[0]), release[1]
             on, value = (where(resting, b, a) for a, b in zip(reversal, release, strict=True))
             slope = where(resting, 0.0, segment.direction[i] * a[i])
             rough = where(resting, slack * 0.5, 0.0)

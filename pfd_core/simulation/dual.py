@@ -46,7 +46,7 @@ CONSTANT = (
     *('delta', 'span', 'unfinished'),
 )
 # Programs of the search, and of a joint that is put onto its stop by rounding.
-PLAIN = ('narrow', 'aim', 'hits', 'reach', 'shift', 'closing', 'braked')
+PLAIN = ('bracket', 'narrow', 'aim', 'hits', 'reach', 'shift', 'closing', 'braked')
 
 
 def dual_step(plant: Plant, integrator: str, h: float) -> StepCode:

@@ -12,7 +12,7 @@ A step in native code, `width` arms at a time, each with segments of lengths of 
 
     @advance:   while any rest > 0:
                     watch, impact, hold, K0;  r = rest;  segment, detect
-                    if any seeks: margins;  while any seeks: narrow -> r, ends;  then snap
+                    if any seeks: margins;  while any seeks: aim -> r, ends, narrow;  then snap
                     commit
 
 A scene without dry friction and stops has no events: its @advance is the stages alone, in one
@@ -113,10 +113,12 @@ def event_programs(law: Law, segment: Segment) -> dict[str, Program]:
         'watch': dry.record_watch(law),
         'directions': dry.record_directions(law.n),
         'modes': dry.record_modes(law),
+        'wrong': box.record_wrong(law.n),
         'pivot': box.record_pivot(law.n),
         'load': dry.record_load(law, True),
         'held': dry.record_held(law.n),
         'loose': dry.record_loose(law),
+        'bracket': search.record_bracket(law),
         'aim': search.record_aim(law),
         **segment.programs(),
         'margins': dry.record_margins(law),
@@ -124,11 +126,10 @@ def event_programs(law: Law, segment: Segment) -> dict[str, Program]:
         'narrow': search.record_narrow(law),
         'snap': dry.record_snap(law, segment.compensated),
         'commit': segment.record_commit(),
+        'first': dry.record_first(law.n),
         'unfinished': dry.record_unfinished(law.n),
     }
-    if segment.damped:
-        programs['first'] = dry.record_first(law.n)
-    else:
+    if not segment.damped:
         programs['load.undamped'] = dry.record_load(law, False)
     if law.plant.joint_limits is not None:
         programs |= {
@@ -283,9 +284,15 @@ class EventWriter:
             with s.when_any('busy'):
                 with s.while_any('busy', box.PIVOTS * n):
                     self._rest_begin(s)
-                    s.run('pivot', x='x.begin', torque='lambda.begin', load='zero')
+                    self._pivot(s, x='x.begin', torque='lambda.begin', load='zero')
                 s.run('held')
         return s
+
+    def _pivot(self, s: Script, **arrays: str) -> None:
+        """Change the active set, if it is not the last one: `wrong` takes a part of the time."""
+        s.run('wrong', **arrays)
+        with s.when_any('busy'):
+            s.run('pivot', **arrays)
 
     def _compress(self, s: Script, hits: str, suffix: str) -> None:
         """Write velocities after the compression of an impact, to arrays with a suffix."""
@@ -301,7 +308,7 @@ class EventWriter:
         solve()
         with s.while_any('busy', box.PIVOTS * self.law.n):
             s.evaluate(own['torque'], 'momentum', qd='zero', qdd=own['x'])
-            s.run('pivot', **own)
+            self._pivot(s, **own)
             with s.when_any('busy'):
                 solve()
 
@@ -318,8 +325,9 @@ class EventWriter:
                 self._compress(s, 'still', '.still')
                 s.run('inelastic', x='x.still', hits='still')
             s.call('hold')
-            self._accelerations(s, 'qdd.impact', 'q', 'qd', self.segment.tau[0])
-            s.run('settling', qdd='qdd.impact')
+            self._accelerations(s, 'K0', 'q', 'qd', self.segment.tau[0])
+            s.run('settling', qdd='K0')
+        self._first(s, sliding=False)
         return s
 
     def _segment(self) -> Script:
@@ -335,10 +343,10 @@ class EventWriter:
             arrays = {'q': 'q.stage', 'qd': stage.qd, 'tau': 'y', 'free': 'moving'}
             s.evaluate(stage.result, 'accelerations', **arrays)
         s.run('finish')
-        # What holds a joint at the end costs an evaluation, only while one rests.
-        with s.when_any('held'):
-            self._rest(s, 'end', 'q.end', 'qd.end', self.segment.tau[2])
         return s
+
+    def _rest_end(self, s: Script) -> None:
+        self._rest(s, 'end', 'q.end', 'qd.end', self.segment.tau[2])
 
     def _margins(self, s: Script, place: str = 'end', **arrays: str) -> None:
         s.run('margins', **{'lambda': f'lambda.{place}', 'y.end': f'y.{place}'} | arrays)
@@ -353,14 +361,14 @@ class EventWriter:
         """Repeat a segment for the search: margins and slopes at its end."""
         s = self._script('ends')
         s.call('segment')
-        self._slopes(s)
-        return s
-
-    def _slopes(self, s: Script) -> None:
+        # A joint that does not break loose in the whole segment does not in a part of it.
+        with s.when_any('loose'):
+            self._rest_end(s)
         if not self._end:
             # In every lane, so that slopes do not depend on neighbours.
             self._accelerations(s, 'qdd.end', 'q.end', 'qd.end', self.segment.tau[2])
         self._margins(s, **self._end)
+        return s
 
     def _advance(self) -> Script:
         s, n, segment = self._script('advance'), self.law.n, self.segment
@@ -385,19 +393,24 @@ class EventWriter:
         s.run('watch')
         if self.segment.lags:
             s.run('begin')
+        s.fill('hits', 0.0, 1)
         if 'hits' in self.programs:
             with s.when_any('watch'):
                 s.run('hits')
                 with s.when_any('hits'):
                     s.call('impact')
-        s.call('hold')
-        self._first(s)
+        # An impact ends with the modes and K0 of the state after it.
+        with s.code.when(s.code.negated(s.any('hits'))):
+            s.call('hold')
+            self._first(s)
 
     def _find(self, s: Script) -> None:
         """Shorten a segment to its first event, if it has one."""
         s.fill('loose', 0.0, 1)
         s.fill(KNOWN, 0.0, 1)
+        # What holds a joint at the end costs an evaluation, only while one rests.
         with s.when_any('held'):
+            self._rest_end(s)
             s.run('loose', **{'lambda': 'lambda.end'})
             self._keep(s)
         s.run('detect')
@@ -414,32 +427,38 @@ class EventWriter:
                 s.copy(name, f'{name}.known')
             s.fill(KNOWN, 1.0, 1)
 
-    def _first(self, s: Script) -> None:
-        """Write the accelerations of the first stage."""
-        if not self.segment.damped:
+    def _first(self, s: Script, sliding: bool = True) -> None:
+        """Write the accelerations of the first stage; those of `sliding` arms may be known."""
+        if self.segment.damped:
+            self._slope_at(s, 'K0', 'begin', 'q', 'qd', self.segment.tau[0], sliding)
+        else:
             self._accelerations(s, 'K0', 'q', 'qd', self.segment.tau[0], damped=False)
-            return
-        with s.when_any('slides'):
-            self._accelerations(s, 'K0', 'q', 'qd', self.segment.tau[0])
+
+    def _slope_at(
+        self, s: Script, result: str, place: str, q: str, qd: str, tau: str, sliding: bool = True
+    ) -> None:
+        """Write accelerations where `held` has been evaluated for arms with a joint at rest."""
+        if sliding:
+            with s.when_any('slides'):
+                self._accelerations(s, result, q, qd, tau)
         with s.when_any('held'):
-            s.run('first')
+            s.run('first', K0=result, **{'x.begin': f'x.{place}'})
 
     def _search(self, s: Script) -> None:
         segment = self.segment
         slope = 'K0' if segment.damped else 'qdd.begin'
         if not segment.damped:
-            self._accelerations(s, slope, 'q', 'qd', segment.tau[0])
-        self._slopes(s)
+            self._slope_at(s, slope, 'begin', 'q', 'qd', segment.tau[0])
+        if not self._end:
+            self._slope_at(s, 'qdd.end', 'end', 'q.end', 'qd.end', segment.tau[2])
+        self._margins(s, **self._end, g='g.R', d='d.R')
         begin = {'q.end': 'q', 'qd.end': 'qd', 'qdd.end': slope}
-        self._margins(s, 'begin', **begin, g='g.L', d='d.L', noise='noise.L')
-        s.copy('r', 'span')
-        for name in ('L', 'count', 'delta'):
-            s.fill(name, 0.0, 1)
+        self._margins(s, 'begin', **begin, g='g.L', d='d.L')
+        s.run('bracket')
         with s.while_any('seek', search.LOOKS):
-            s.run('narrow', h='span')
-            with s.when_any('seek'):
-                s.run('aim')
-                s.call('ends')
+            s.run('aim')
+            s.call('ends')
+            s.run('narrow')
         self._snap(s)
 
     def _snap(self, s: Script) -> None:

@@ -49,23 +49,36 @@ LOOKS = 70
 Quotient = tuple[Lanes, Lanes]
 
 
+def record_bracket(law: Law) -> Program:
+    """
+    Return the program of the bracket before the first look: the whole segment.
+
+    Inputs are its length r, (1,), and the margins at its ends, g.L and g.R. Outputs are the rows
+    of `record_narrow` besides.
+    """
+    recorder = Recorder(1, 'sequential')
+    (r,), margins = single(recorder, 'r'), read(recorder, len(law.margins), 'g.L', 'g.R')
+    zero, one = recorder.constant(0.0), recorder.constant(1.0)
+    numbers = {'L': zero, 'R': r, 'span': r, 'count': one, 'delta': zero, 'worn': zero}
+    scale = [absolute(a) + absolute(b) for a, b in zip(*margins, strict=True)]
+    return recorder.program(scale=scale, **{name: [x] for name, x in numbers.items()})
+
+
 def record_narrow(law: Law) -> Program:
     """
     Return the program of the bracket after a look, and of the end of the search.
 
     Inputs are the margins g, slopes d and noise at r, the same at L and R; scale, sizes of
-    margins; moving and unbraked; and (1,) L, R, r, h, the length of the segment, seek, count,
+    margins; moving and unbraked; and (1,) L, R, r, span, the length of the segment, seek, count,
     delta. Outputs are the bracket, `worn` if it is used up, `seek`, and at the end delta, the
     length of the Taylor step, and `fired`, the margins that are zero there.
     """
     recorder = Recorder(1, 'sequential')
     rows = ('g', 'd', 'g.L', 'd.L', 'g.R', 'd.R', 'noise', 'scale', 'fired')
     g, d, gL, dL, gR, dR, noise, scale, fired = read(recorder, len(law.margins), *rows)
-    names = ('L', 'R', 'r', 'h', 'seek', 'count', 'delta')
+    names = ('L', 'R', 'r', 'span', 'seek', 'count', 'delta')
     L, R, r, h, seek, count, delta = single(recorder, *names)
     chords = _chords(recorder, law)
-    sizes = [absolute(a) + absolute(b) for a, b in zip(gL, g, strict=True)]
-    scale = _taken(count, scale, sizes)
     hit = sign_of(-smallest(g))
     right, left = both(seek, hit), both(seek, negated(hit))
     R, L = where(right, r, R), where(left, r, L)
@@ -101,7 +114,7 @@ def record_narrow(law: Law) -> Program:
     back = where(r + way, way, -r)
 
     return recorder.program(
-        **{'g.L': gL, 'd.L': dL, 'g.R': gR, 'd.R': dR, 'L': [L], 'R': [R], 'scale': scale},
+        **{'g.L': gL, 'd.L': dL, 'g.R': gR, 'd.R': dR, 'L': [L], 'R': [R]},
         worn=[worn],
         seek=[both(seek, negated(done))],
         count=[count + seek],

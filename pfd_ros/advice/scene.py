@@ -134,7 +134,9 @@ def advise(
             simulator = pfd.Simulator(robot, smaller, **settings)
         except ValueError as error:  # such as a massless link without the armature
             return Row(math.inf, str(error))
-        if simulator.code_digest == whole.code_digest:
+        # Native code with friction has brakes, too, which are an input.
+        unbraked = motion.braked.any() and smaller.brakes != scene.brakes
+        if simulator.code_digest == whole.code_digest and not unbraked:
             return Row(0.0, INERT)
         off = np.abs(_positions(simulator, motion, length, starts) - truth)
         off[np.isnan(off)] = math.inf

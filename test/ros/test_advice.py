@@ -119,6 +119,12 @@ def test_an_effect_is_kept_if_its_error_is_above_the_tolerance_and_unseen_if_it_
         assert advice.rows[SMALLEST_SCENE].error == (0.0 if kept else row.error)
 
 
+def test_brakes_are_kept_where_stops_bring_their_native_code():
+    ur5, scene = pfd.load_robot('ur5'), pfd.Scene(gravity=None, brakes=True, joint_limits='model')
+    motion = driven(scene, np.tile(PUSH, 6), 0.0, np.tile(HELD, 6), ur5)
+    assert advise(ur5, scene, motion, 1e-3).kept == ('brakes',)
+
+
 def test_an_error_is_that_within_a_window():
     window = 0.05
     scene = pfd.Scene(armature=(0.25,))

@@ -165,7 +165,7 @@ def _results(base: Path, robot: pfd.Robot, seconds: float) -> Iterator[str]:
     if len(log[states]) < 2:
         yield 'the recording has no states'
         return
-    shown = page(log, robot=robot)
+    shown = page(log)
     run = shown.run
     begin, end = run.span
     rest = 'at rest before and after it'

@@ -76,6 +76,9 @@ class Recorded:
     def __init__(
         self, log: LogArrays, robot: pfd.Robot | None = None, topic: str | None = None
     ) -> None:
+        if robot is not None and log.robot is not None:
+            held = cut(repr(log.robot.name))
+            raise ValueError(f'{log.path}: it holds its robot, {held}; robot is for other logs')
         self.log, self.robot = log, log.robot or robot
         self.settings: Mapping[str, Any] = log.settings or {}
         # Lines on what cannot be read, and on what else a reader should know.

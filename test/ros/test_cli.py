@@ -160,6 +160,7 @@ LOGS: dict[str, tuple[int, str, str]] = {
     'report log whole.mcap': (0, r'whole\.html', ''),
     'report log cut.mcap': (0, r'cut off(?s:.*)cut\.html', ''),
     'report log first.mcap': (0, 'first edition', ''),
+    'report log whole.mcap --robot ur5': (1, '', 'holds its robot, .*; robot is for other logs'),
     'report log whole.mcap --start 1e6': (1, '', 'no message between --start and --end'),
     'report log ragged.mcap': (1, r'ragged\.html', '^pfd report: not read: '),
     'report log text.mcap': (1, '', '^pfd report: .*text.mcap'),

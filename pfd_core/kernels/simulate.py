@@ -23,6 +23,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
+from pfd_core.forking import cached_property
 from pfd_core.kernels.generate import (
     body,
     evaluate,
@@ -114,7 +115,7 @@ class Steps:
         off = {*self.rows, *self._controlled}
         return {name: size for name, size in names.items() if name not in off}
 
-    @property
+    @cached_property
     def arrays(self) -> tuple[str, ...]:
         """The arrays of the table."""
         others = [COUNTS] * (COUNTS in self._controlled) + ['qdd'] * ('qdd' not in self.written)

@@ -83,11 +83,10 @@ class Plan:
         self.native = native
         rows = len(native.steps.arrays)
         # Behind the plan the spare number, and the finite steps of one arm.
-        self.numbers = array('q', bytes(8 * (len(PLAN) + 4 * rows + 2)))
+        self.numbers = array('q', [0, arms, 0, 1, substeps, 1, 0, 0, *[0] * (4 * rows + 2)])
         self._at, end = self.numbers.buffer_info()
-        spare, finite = self._at + 8 * (end - 2), self._at + 8 * (end - 1)
-        plan = [0, arms, 0, 1, substeps, 1, 0, finite, *[spare, 0, 0, 0] * rows]
-        self.numbers[: len(plan)] = array('q', plan)
+        self.numbers[FINITE] = self._at + 8 * (end - 1)
+        self.numbers[len(PLAN) : -2 : 4] = array('q', [self._at + 8 * (end - 2)]) * rows
         self._place({k: x for k, x in arrays.items() if k in native.places}, self.numbers)
 
     def run(self, steps: int) -> int:
@@ -103,16 +102,18 @@ class Plan:
     def accelerations(self, qdd: Array) -> None:
         """Write qdd of each arm, ([arms,] n)."""
         assert self.native.accelerations is not None
-        numbers = self.with_arrays({'qdd': qdd})
-        self.native.accelerations(numbers.buffer_info()[0])
+        self._place({'qdd': qdd}, self.numbers)
+        self.native.accelerations(self._at)
 
     def _place(self, arrays: Mapping[str, Array], numbers: array[int]) -> array[int]:
         """Write the address of each array, and bytes from arm to arm, element and step."""
         for name, x in arrays.items():
-            place = self.native.places[name]
-            *outer, element = x.strides
-            arm, step = (*outer, 0, 0)[:2]
-            numbers[place : place + 4] = array('q', (address(x), arm, element, step))
+            place, strides = self.native.places[name], x.strides
+            # One by one: an array of them takes twice the time.
+            numbers[place] = address(x)
+            numbers[place + 1] = strides[0] if len(strides) > 1 else 0
+            numbers[place + 2] = strides[-1]
+            numbers[place + 3] = strides[1] if len(strides) > 2 else 0
         return numbers
 
 

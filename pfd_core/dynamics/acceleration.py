@@ -58,14 +58,12 @@ from pfd_core.dynamics.drives import record_motor_torques
 from pfd_core.dynamics.joint_torques import minus_joint_torques, record_joint_torques
 from pfd_core.dynamics.numbers import free_input, rotors
 from pfd_core.dynamics.refinement import (
-    record_refined,
+    record_answer,
     record_residual,
     refined,
     solver,
-    with_nan_unless_converged,
 )
 from pfd_core.machine.derivative import derivative
-from pfd_core.machine.iteration import TOLERANCES
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder, inline
 from pfd_core.machine.vectors import array
@@ -106,8 +104,7 @@ def record_derivatives(
         y = minus_bias(moving, by_qd, torques, qd)
         qdd = refined(plant, solution(factors, y), partial(solution, factors), refine)
     else:
-        program = record_refined(plant, method, refine, TOLERANCES[dtype])
-        answer = with_nan_unless_converged(program, plant)
+        answer = record_answer(plant, method, refine, dtype)
         qdd = inline(recorder, answer, {})['qdd']
     by_q = by_positions(moving, qd, qdd, _minus_inertia(recorder, plant, torques, qdd))
     with recorder.section('joints and drives'):

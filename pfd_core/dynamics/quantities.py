@@ -20,7 +20,7 @@ ignore these effects.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from pfd_core.forking import load
@@ -80,7 +80,9 @@ class Quantity:
         place = (plant.robot.frame(frame),) if self.of_frame else ()
         record = f'dynamics.{self.module or self.method}.record_{self.name}'
         program: Program = load(record)(plant, *place)
-        return program
+        # A program need not read all arguments: a sliding joint alone has the same H everywhere.
+        arguments = dict.fromkeys(self.arguments, plant.robot.n)
+        return replace(program, inputs=arguments | program.inputs)
 
 
 STATE = ('q', 'qd', 'tau')

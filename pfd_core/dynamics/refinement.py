@@ -58,6 +58,7 @@ from pfd_core.dynamics.links import CENTERED, GIVEN
 from pfd_core.dynamics.methods import record_forward_dynamics
 from pfd_core.dynamics.newton_euler import record_link_torques
 from pfd_core.forking import load, no_fork
+from pfd_core.machine.iteration import TOLERANCES
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder, inline
@@ -90,6 +91,12 @@ def record_refined(
     return recorder.program(**results | {'qdd': qdd} | before)
 
 
+def record_answer(plant: Plant, method: str, steps: int, dtype: str) -> Program:
+    """Return the same program for a number format, with NaN for a qdd that has not converged."""
+    recorded = record_refined(plant, method, steps, TOLERANCES[dtype])
+    return with_nan_unless_converged(recorded, plant)
+
+
 def refined(
     plant: Plant, qdd: Sequence[Lanes], solve: Callable[[list[Lanes]], list[Lanes]], steps: int
 ) -> Sequence[Lanes]:
@@ -108,13 +115,15 @@ def record_error(plant: Plant, method: str, dtype: str, tolerance: float | None 
 
     Its output `error`, (1,), is max |difference| / max |exact qdd|, estimated for a number format
     by a solve with the method. It is infinite where the correction is not finite, a pivot is not
-    positive or the iteration has not converged.
+    positive or the iteration has not converged; an iterative method stops at the tolerance, by
+    default that of the number format.
     """
     recorder = Recorder(1, 'sequential')
     qdd = recorder.input_list('qdd', plant.robot.n)
     with recorder.section('exact residual'):
         r = _exact_residual(recorder, plant, dtype)
-    results = solver(recorder, plant, method, tolerance)(r)
+    stop = TOLERANCES[dtype] if tolerance is None else tolerance
+    results = solver(recorder, plant, method, stop)(r)
     with recorder.section('error estimate'):
         right = [a + d for a, d in zip(qdd, results['qdd'], strict=True)]
         error = _estimate(right, results)

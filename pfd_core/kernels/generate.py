@@ -241,19 +241,16 @@ def _wrap_angles(
             code.write(x, copy, k, step)
         for k in angles:
             with code.loop(code.width) as lane:
-                wrap_number(code, code.at(code.at(copy, k, step), lane, code.bytes))
+                place = code.at(code.at(copy, k, step), lane, code.bytes)
+                x = code.load(code.scalar, place)
+                if code.scalar == 'float':
+                    x = code.let(f'fpext float {x} to double')
+                x = code.call('double', 'wrap_angle', f'double {x}')
+                if code.scalar == 'float':
+                    x = code.let(f'fptrunc double {x} to float')
+                code.store(code.scalar, x, place)
         address.set(copy)
         stride.set(step)
-
-
-def wrap_number(code: Code, address: str) -> None:
-    """Wrap the angle at an address by @wrap_angle."""
-    x = code.load(code.scalar, address)
-    wide = x if code.scalar == 'double' else code.let(f'fpext float {x} to double')
-    y = code.call('double', 'wrap_angle', f'double {wide}')
-    if code.scalar == 'float':
-        y = code.let(f'fptrunc double {y} to float')
-    code.store(code.scalar, y, address)
 
 
 # Many states.
@@ -460,7 +457,7 @@ def declarations(dtype: str, widths: Collection[int], wrapped: bool) -> str:
     """Return what functions of a module refer to; `widths` are those of all their registers."""
     lines = [f'declare i64 @llvm.{name}.i64(i64, i64)' for name in ('umin', 'usub.sat')]
     for code in (Code('', dtype, width) for width in sorted(set(widths))):
-        for name, operands in (('sqrt', 1), ('fabs', 1), ('fma', 3)):
+        for name, operands in (('sqrt', 1), ('fma', 3)):
             types = ', '.join([code.type] * operands)
             lines.append(f'declare {code.type} @llvm.{name}.{code.suffix}({types})')
         if code.width > 1:

@@ -54,47 +54,33 @@ def product_functions(
             functions.append(
                 body(joined(factors), dtype, own, '.factors', (LONGEST, PART), packed=True)
             )
-            functions += [
-                multiply(dtype, own, n, 'T' in factors.outputs),
-                _body(factors, dtype, own),
-            ]
+            functions.append(_product(factors, dtype, own))
         functions.append(evaluate(factors, dtype, own, angles))
     functions.append(batch(factors, dtype, width, 3 * n * n))
     widths = {1, width, _lanes(dtype, 1, n)}
     return [*functions, declarations(dtype, widths, bool(angles))]
 
 
-def _body(factors: Program, dtype: str, width: int) -> str:
-    """Return @bodyW, which computes the factors and multiplies them."""
-    names = inputs_of(factors)
-    code = Code(f'define internal void @body{width}({parameters([*names, "out"])})', dtype, width)
-    step = width * code.bytes
-    sizes = {name: len(output.places) for name, output in factors.outputs.items()}
-    scratch = code.array(sum(sizes.values()))
-    starts = dict(zip(sizes, accumulate(sizes.values(), initial=0), strict=False))
-    inputs = [(f'%{name}', f'%{name}.s') for name in names]
-    code.call('void', f'body{width}.factors', *given([*inputs, (scratch, step)]))
-    X, D, T = (code.at(scratch, starts.get(name, 0), step) for name in ('X', 'D', 'T'))
-    # One state has neighbours of a row in a register: its elements follow one another.
-    stride = step if width == 1 else '%out.s'
-    arrays = given([('%out', stride)])
-    code.call('void', f'multiply{width}', f'ptr {X}, ptr {D}, ptr {T}', *arrays)
-    code.ret()
-    return str(code)
-
-
-def multiply(dtype: str, width: int, n: int, motors: bool) -> str:
+def _product(factors: Program, dtype: str, width: int) -> str:
     """
-    Return `void @multiplyW(X, D, T, out)`, in tiles whose numbers take part in several products.
+    Return @bodyW, which computes the factors, and multiplies tiles of them.
 
     A register holds an element of W states, or for one state neighbours of a row. The last tile
     repeats elements of the tile before it if their number requires that. For few joints there
     are no loops.
     """
+    names, n = inputs_of(factors), factors.inputs['q']
     lanes = _lanes(dtype, width, n)
-    arrays = f'ptr %X, ptr %D, ptr %T, {parameters(["out"])}'
-    code = Code(f'define internal void @multiply{width}({arrays})', dtype, lanes)
+    code = Code(f'define internal void @body{width}({parameters([*names, "out"])})', dtype, lanes)
     step = width * code.bytes
+    sizes = {name: len(output.places) for name, output in factors.outputs.items()}
+    scratch = code.array(sum(sizes.values()), code.scalar if width == 1 else '')
+    inputs = [(f'%{name}', f'%{name}.s') for name in names]
+    code.call('void', f'body{width}.factors', *given([*inputs, (scratch, step)]))
+    starts = zip(sizes, accumulate(sizes.values(), initial=0), strict=False)
+    places = {name: code.at(scratch, start, step) for name, start in starts}
+    # One state has neighbours of a row in a register: its elements follow one another.
+    stride = step if width == 1 else '%out.s'
     across = lanes if width == 1 else 1
     few = n <= FEW_JOINTS
     rows, columns = (min(2, n), min(4, 2 * n)) if width > 1 else (n if few else 4, across)
@@ -105,18 +91,18 @@ def multiply(dtype: str, width: int, n: int, motors: bool) -> str:
             return row * length + column
         return code.integer('add', code.integer('mul', row, length), column)
 
-    def read(array: str, length: int, row: object, column: object) -> str:
-        return code.read(array, index(row, length, column), step)
+    def read(name: str, length: int, row: object, column: object) -> str:
+        return code.read(places[name], index(row, length, column), step)
 
     def factor(row: object, k: object) -> str:
         """Return an element of X in all places of a register."""
         if width > 1:
-            return read('%X', n, row, k)
-        place = code.at('%X', index(row, n, k), step)
+            return read('X', n, row, k)
+        place = code.at(places['X'], index(row, n, k), step)
         return code.spread(code.load(code.scalar, place, code.bytes))
 
     def write(value: str, row: object, column: object) -> None:
-        code.write(value, '%out', index(row, 3 * n, column), '%out.s')
+        code.write(value, '%out', index(row, 3 * n, column), stride)
 
     for column in _tiles(code, 2 * n, columns, few):
         for row in _tiles(code, n, rows, few):
@@ -124,24 +110,23 @@ def multiply(dtype: str, width: int, n: int, motors: bool) -> str:
             columns_here = [index(column, 1, j) for j in range(0, columns, across)]
 
             def terms(k: object, right: list[object], left: list[object]) -> list[tuple[str, str]]:
-                values = [read('%D', 2 * n, k, j) for j in right]
+                values = [read('D', 2 * n, k, j) for j in right]
                 return [pair for i in left for pair in product([factor(i, k)], values)]
 
-            pairs = terms(0, columns_here, rows_here)
-            sums = [code.variable(code.type, code.op('mul', *pair)) for pair in pairs]
+            first = terms(0, columns_here, rows_here)
+            sums = [code.variable(code.type, code.op('mul', *pair)) for pair in first]
             if n > 1:
                 for k in _tiles(code, n, 1, few, start=1):
                     pairs = terms(k, columns_here, rows_here)
                     for total, pair in zip(sums, pairs, strict=True):
                         total.set(code.op('fma', *pair, total.get()))
-            places = product(rows_here, columns_here)
-            for total, (i, j) in zip(sums, places, strict=True):
+            for total, (i, j) in zip(sums, product(rows_here, columns_here), strict=True):
                 write(code.op('neg', total.get()), i, j)
     for column in _tiles(code, n, across, few):
         for row in _tiles(code, n, 1, few):
-            value = read('%X', n, row, column)
-            if motors:
-                value = code.op('mul', value, read('%T', n, 0, column))
+            value = read('X', n, row, column)
+            if 'T' in places:
+                value = code.op('mul', value, read('T', n, 0, column))
             write(value, row, index(column, 1, 2 * n))
     code.ret()
     return str(code)
@@ -157,5 +142,5 @@ def _tiles(code: Code, count: int, size: int, few: bool, start: int = 0) -> Iter
 
 
 def _lanes(dtype: str, width: int, n: int) -> int:
-    """Return the numbers in a register of @multiplyW."""
+    """Return the numbers in a register of a product."""
     return width if width > 1 else 1 << (min(n, REGISTER // BYTES[dtype]).bit_length() - 1)

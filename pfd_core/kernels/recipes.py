@@ -21,7 +21,7 @@ import hashlib
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pfd_core.dynamics.quantities import QUANTITIES
-from pfd_core.forking import cached_property, no_fork
+from pfd_core.forking import cached_property, load, no_fork
 from pfd_core.kernels.cache import kept
 from pfd_core.kernels.native import Native, Optimisation, compile_kept
 from pfd_core.kernels.spec import KernelSpec
@@ -67,11 +67,11 @@ class Recipe:
     @cached_property
     def lowered(self) -> Stages:
         """The stages of the program that native code is written from."""
-        with no_fork:
-            from pfd_core.kernels.lower import lower
-
         with uncollected():
-            return lower(self._record(), self._dtype, self._outputs)
+            stages: Stages = load('kernels.lower.lower')(
+                self._record(), self._dtype, self._outputs
+            )
+        return stages
 
     @property
     def stages(self) -> Stages:
@@ -81,10 +81,8 @@ class Recipe:
     @cached_property
     def program(self) -> Program:
         """The lowered program."""
-        with no_fork:
-            from pfd_core.kernels.lower import joined
-
-        return joined(self.stages.compiled)
+        program: Program = load('kernels.lower.joined')(self.stages.compiled)
+        return program
 
     @cached_property
     def facts(self) -> Facts:
@@ -105,18 +103,15 @@ class Recipe:
     @property
     def optimisation(self) -> Optimisation:
         """The effort of the compiler."""
-        with no_fork:
-            from pfd_core.kernels.schedule import LONGEST
-
-        return Optimisation(long=self.work > LONGEST, reorder=not self.facts.ordered)
+        longest = load('kernels.schedule.LONGEST')
+        return Optimisation(long=self.work > longest, reorder=not self.facts.ordered)
 
     def functions(self, dtype: str, width: int, angles: Sequence[int]) -> list[str]:
         """Return the functions of a kernel without its entry, as generate.kernel_functions."""
-        with no_fork:
-            from pfd_core.kernels.generate import kernel_functions
-
         size = len(next(iter(self.program.outputs.values())).places)
-        return kernel_functions(self.program, dtype, width, angles, size)
+        write = load('kernels.generate.kernel_functions')
+        functions: list[str] = write(self.program, dtype, width, angles, size)
+        return functions
 
     def compile(
         self,
@@ -146,18 +141,14 @@ class Recipe:
         return native
 
     def _facts(self) -> Facts:
-        with no_fork:
-            from pfd_core.kernels.generate import inputs_of
-            from pfd_core.kernels.lower import operations
-            from pfd_core.kernels.schedule import can_be_ordered
-
-        (output,) = self.program.outputs.values()
+        program, count = self.program, load('kernels.lower.operations')
+        (output,) = program.outputs.values()
         return Facts(
-            {name: self.program.inputs[name] for name in inputs_of(self.program)},
+            {name: program.inputs[name] for name in load('kernels.generate.inputs_of')(program)},
             list(output.shape),
-            {name: operations(p) for name, p in vars(self.stages).items()},
-            can_be_ordered(self.program),
-            digest(self.program),
+            {name: count(stage) for name, stage in vars(self.stages).items()},
+            load('kernels.schedule.can_be_ordered')(program),
+            digest(program),
         )
 
 
@@ -172,10 +163,10 @@ class ProductRecipe(Recipe):
     @cached_property
     def stages(self) -> Stages:
         """The stages of the program."""
-        with no_fork:
-            from pfd_core.kernels.lower import Stages, multiplied
-
-        return Stages(**{k: multiplied(p) for k, p in vars(self.lowered).items()})
+        multiplied = load('kernels.lower.multiplied')
+        return replace(
+            self.lowered, **{k: multiplied(program) for k, program in vars(self.lowered).items()}
+        )
 
     @property
     def optimisation(self) -> Optimisation:
@@ -184,104 +175,61 @@ class ProductRecipe(Recipe):
 
     def functions(self, dtype: str, width: int, angles: Sequence[int]) -> list[str]:
         """Return the functions of a kernel, which compute the factors and multiply them."""
-        with no_fork:
-            from pfd_core.kernels.matmul import product_functions
-
-        return product_functions(self.lowered.compiled, dtype, width, angles)
+        write = load('kernels.matmul.product_functions')
+        functions: list[str] = write(self.lowered.compiled, dtype, width, angles)
+        return functions
 
 
 def recipe_of(spec: KernelSpec) -> Recipe:
     """Return the recipe of a spec."""
+    plant = spec.plant
     if spec.quantity == 'derivatives':
-        return derivatives(spec)
+        # A register for each number of the factors, and of a copy of the result.
+        size = REGISTER_BYTES * 6 * plant.robot.n**2
+        if size > STACK_BYTES:
+            raise ValueError(
+                f'a kernel of derivatives for {plant.robot.n} joints needs {size / 2**20:.1f} MB '
+                f'of the stack, more than {STACK_BYTES >> 20} MB: the robot has too many joints'
+            )
+        path, options = 'acceleration.record_derivatives', (spec.method, spec.refine, spec.dtype)
+        return recipe(path, plant, spec.dtype, *options, kind=ProductRecipe)
     row = QUANTITIES.get(spec.quantity)
     if row is None or not row.method:  # a step, or forward dynamics: the spec has the method
-        return forward(spec)
-    return quantity(spec.plant, spec.quantity, spec.dtype, spec.frame, spec.place)
+        return forward(spec, plant)
+    return quantity(plant, spec.quantity, spec.dtype, spec.frame, spec.place)
 
 
-def forward(spec: KernelSpec, plant: Plant | None = None) -> Recipe:
-    """Return the recipe of forward dynamics, of a plant instead of the spec's if given."""
-    plant = spec.plant if plant is None else plant
-    method, refine, dtype = spec.method, spec.refine, spec.dtype
+def recipe(
+    path: str,
+    plant: Plant,
+    dtype: str,
+    *options: str | int,
+    outputs: Collection[str] | None = None,
+    kind: type[Recipe] = Recipe,
+) -> Recipe:
+    """Return the recipe of a program of pfd_core.dynamics, recorded of a plant with options."""
+    key = path, plant.digest, dtype, *map(str, options)
+    return kind(key, lambda: load(f'dynamics.{path}')(plant, *options), dtype, outputs)
 
-    def record() -> Program:
-        with no_fork:
-            from pfd_core.dynamics.refinement import record_refined, with_nan_unless_converged
-            from pfd_core.machine.iteration import TOLERANCES
 
-        recorded = record_refined(plant, method, refine, TOLERANCES[dtype])
-        return with_nan_unless_converged(recorded, plant)
-
-    key = ('forward', plant.digest, method, str(refine), dtype)
-    return Recipe(key, record, dtype, ['qdd'])
+def forward(spec: KernelSpec, plant: Plant) -> Recipe:
+    """Return the recipe of forward dynamics of a plant, with the other options of a spec."""
+    options, path = (spec.method, spec.refine, spec.dtype), 'refinement.record_answer'
+    return recipe(path, plant, spec.dtype, *options, outputs=['qdd'])
 
 
 def error_estimate(spec: KernelSpec) -> Recipe:
     """Return the recipe of the estimated error of accelerations, which are the input qdd."""
-
-    def record() -> Program:
-        with no_fork:
-            from pfd_core.dynamics.refinement import record_error
-            from pfd_core.machine.iteration import TOLERANCES
-
-        return record_error(spec.plant, spec.method, spec.dtype, TOLERANCES[spec.dtype])
-
-    return Recipe(('error', spec.plant.digest, spec.method, spec.dtype), record, spec.dtype)
+    options, path = (spec.method, spec.dtype), 'refinement.record_error'
+    return recipe(path, spec.plant, spec.dtype, *options)
 
 
 def quantity(
     plant: Plant, name: str, dtype: str, frame: str | None = None, place: str = ''
 ) -> Recipe:
     """Return the recipe of a quantity with one algorithm, of a frame or of none."""
-    row = QUANTITIES[name]
-
-    def record() -> Program:
-        recorded = row(plant, frame)
-        # A program need not read all arguments: a sliding joint alone has the same H everywhere.
-        arguments = dict.fromkeys(row.arguments, plant.robot.n)
-        return replace(recorded, inputs=arguments | recorded.inputs)
-
-    return Recipe((name, plant.digest, place, dtype), record, dtype)
-
-
-def derivatives(spec: KernelSpec) -> ProductRecipe:
-    """Return the recipe of d qdd / d(q, qd, tau), (n, 3n)."""
-    plant, method, refine, dtype = spec.plant, spec.method, spec.refine, spec.dtype
-
-    def record() -> Program:
-        with no_fork:
-            from pfd_core.dynamics.acceleration import record_derivatives
-
-        return record_derivatives(plant, method, refine, dtype)
-
-    n = plant.robot.n
-    # The factors, and a copy of the result.
-    check_stack(f'a kernel of derivatives for {n} joints', 6 * n * n)
-    return ProductRecipe(('derivatives', plant.digest, method, str(refine), dtype), record, dtype)
-
-
-def motors(plant: Plant, dtype: str) -> Recipe:
-    """Return the recipe of the torques of motors under commanded ones."""
-
-    def record() -> Program:
-        with no_fork:
-            from pfd_core.dynamics.drives import record_motor_torques
-
-        return record_motor_torques(plant)
-
-    return Recipe(('motors', plant.digest, dtype), record, dtype)
-
-
-def check_stack(name: str, numbers: int) -> None:
-    """Raise ValueError if the numbers of a state exceed the stack of a thread."""
-    # One register holds one number of each of the states that run at once.
-    size = REGISTER_BYTES * numbers
-    if size > STACK_BYTES:
-        raise ValueError(
-            f'{name} needs {size / 2**20:.1f} MB of the stack, more than {STACK_BYTES >> 20} MB: '
-            'the robot has too many joints'
-        )
+    key = name, plant.digest, place, dtype
+    return Recipe(key, lambda: QUANTITIES[name](plant, frame), dtype)
 
 
 def digest(program: Program) -> str:

@@ -17,9 +17,10 @@ not change the other arms, so that an arm has the same bits alone and in any ens
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import MappingProxyType
+from typing import ClassVar
 
 from pfd_core.kernels.generate import inputs_of, operations
 from pfd_core.kernels.ir import Code
@@ -89,8 +90,11 @@ class Script:
     `procedure`). Further arrays are added to the frame. `first` are other parameters, as
     `i64 %steps`; `places` has the addresses of arrays that are parameters instead of parts of the
     frame. Into a function that is inlined where it is called, programs are written instead of
-    calls.
+    calls. A function with a `head` has the frame on its own stack instead of these parameters.
     """
+
+    # The result of dynamics has so many arrays of one size.
+    parts: ClassVar[int] = 1
 
     def __init__(
         self,
@@ -104,21 +108,23 @@ class Script:
         first: Sequence[str] = (),
         places: Mapping[str, str] = MappingProxyType({}),
         inline: bool = False,
+        head: str = '',
     ) -> None:
         parameters = ', '.join([*first, 'ptr %frame', *(f'ptr {x}' for x in places.values())])
-        attribute = '' if inline else ' noinline'
-        self.code = Code(f'define internal void @{name}({parameters}){attribute}', dtype, width)
+        usual = f'define internal void @{name}({parameters}){"" if inline else " noinline"}'
+        self.code = Code(head or usual, dtype, width)
         self._frame, self._dynamics, self._programs = frame, dynamics, programs
         self._inline = inline
         self._places = places
         self._step = width * self.code.bytes
+        self._base = self.code.array(frame.size) if head else '%frame'
 
-    def at(self, name: str, size: int = 0) -> str:
-        """Return the address of an array; a new one has a size."""
-        if name in self._places:
-            return self._places[name]
-        first = self._frame.place(name, size or self._frame.length(name))
-        return self.code.at('%frame', first, self._step)
+    def at(self, name: str, size: int = 0, k: int = 0) -> str:
+        """Return the address of an array, or of its element k; a new one has a size."""
+        base, first = self._places.get(name), 0
+        if base is None:
+            first = self._frame.place(name, size or self._frame.length(name))
+        return self.code.at(base or self._base, first + k, self._step)
 
     def read(self, name: str) -> list[str]:
         """Return all elements of an array."""
@@ -126,13 +132,12 @@ class Script:
 
     def element(self, name: str, k: int) -> str:
         """Return one element of an array."""
-        return self.code.read(self.at(name), k, self._step)
+        return self.code.read(self.at(name, k=k), 0, 0)
 
     def write(self, name: str, values: Sequence[str]) -> None:
         """Write all elements of an array."""
-        place = self.at(name, len(values))
         for k, value in enumerate(values):
-            self.code.write(value, place, k, self._step)
+            self.code.write(value, self.at(name, len(values), k), 0, 0)
 
     def fill(self, name: str, value: float, size: int) -> None:
         """Write equal elements to an array."""
@@ -142,34 +147,37 @@ class Script:
         """Copy an array."""
         self.write(target, self.read(source))
 
+    def named(self, arrays: Mapping[str, str], names: Collection[str]) -> dict[str, str]:
+        """Return the array of each input or output of a program: of its name, or another one."""
+        return {name: arrays.get(name, name) for name in names}
+
     def evaluate(self, result: str, name: str, **arrays: str) -> None:
         """Evaluate dynamics on the arrays of their names, or on other arrays if given."""
         program = self._dynamics[name]
         (output,) = program.outputs.values()
-        sizes = {key: program.inputs[key] for key in inputs_of(program)}
-        places = [self.at(arrays.get(key, key), size) for key, size in sizes.items()]
-        places.append(self.at(result, len(output.places)))
+        own = self.named(arrays, inputs_of(program))
+        places = [self.at(array, program.inputs[key]) for key, array in own.items()]
+        places.append(self.at(result, len(output.places) // self.parts))
         self.code.call('void', f'evaluate_{name}', *(f'ptr {place}' for place in places))
 
     def run(self, name: str, **arrays: str) -> None:
         """Run a program on the arrays of its names, or on other arrays if given."""
         program = self._programs[name]
+        names = *program.inputs, *program.outputs
+        own = self.named(arrays, names)
         if self._inline:
-            values = operations(self.code, program, lambda x, k: self.element(arrays.get(x, x), k))
+            values = operations(self.code, program, lambda x, k: self.element(own[x], k))
             for key, output in program.outputs.items():
-                self.write(arrays.get(key, key), [values[place] for place, _ in output.places])
+                self.write(own[key], [values[place] for place, _ in output.places])
             return
         sizes = program.inputs | {x: len(y.places) for x, y in program.outputs.items()}
-        places = [
-            self.at(arrays.get(key, key), sizes[key])
-            for key in (*program.inputs, *program.outputs)
-        ]
+        places = [self.at(own[key], sizes[key]) for key in names]
         self.code.call('void', name, *(f'ptr {place}' for place in places))
 
     def call(self, name: str, first: Sequence[str] = (), places: Sequence[str] = ()) -> None:
         """Call another script on the same frame; `first` and `places` are its other arguments."""
-        addresses = [f'ptr {place}' for place in places]
-        self.code.call('void', name, *first, 'ptr %frame', *addresses)
+        addresses = [f'ptr {place}' for place in (self._base, *places)]
+        self.code.call('void', name, *first, *addresses)
 
     def differ(self, pairs: Mapping[str, str]) -> str:
         """Return an i1: whether arrays of one size differ in a bit, for any of the arms."""

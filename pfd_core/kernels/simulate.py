@@ -208,9 +208,8 @@ def _accelerations(steps: Steps, frame: Frame) -> str:
     arms = _Arms('void', 'accelerations', steps, frame)
     with arms.each():
         arms.call('accelerate')
-        arms.give('qdd', 'qdd')
-    arms.code.ret()
-    return str(arms.code)
+        arms.give('qdd')
+    return str(arms)
 
 
 def _simulate(steps: Steps, frame: Frame) -> str:
@@ -222,28 +221,25 @@ def _simulate(steps: Steps, frame: Frame) -> str:
     before = [name for name in steps.written if name in controlled]
     after = [name for name in steps.written if name not in controlled]
     with arms.each():
-        row = code.variable('i64', code.integer('udiv', plan['begin'], plan['every']))
-        past = code.integer('urem', plan['begin'], plan['every'])
-        wait = code.variable('i64', code.integer('add', past, 1))
         finite = code.variable(code.flag, 'true' if code.width == 1 else 'splat (i1 true)')
         reached = code.variable(code.index, 'zeroinitializer')
         again = code.variable('i1', 'true') if STOP in controlled else None
         loop = code.loop(plan['until'], start=plan['begin'], again=again)
         with loop as t, ExitStack() as unless_stopped:
-            due = code.test('eq', wait.get(), plan['every'])
+            past = code.integer('urem', code.integer('add', t, 1), plan['every'])
+            due = code.test('eq', past, 0)
             for name in steps.given:
                 with code.when(arms.changes(name)):
                     arms.take(name, t)
             if controlled:
                 arms.call('control')
                 with code.when(due):
-                    arms.write(before, row.get())
+                    arms.report(before, t)
             if COUNTS in controlled:
                 arms.count()
             if again is not None:
                 again.set('false')
-                stop = code.above(arms.element(STOP, 0))
-                unless_stopped.enter_context(code.when(code.negated(stop)))
+                unless_stopped.enter_context(code.when(code.negated(arms.any(STOP))))
             if 'free' in steps.inputs:
                 arms.call('brake')
             if steps.shared:
@@ -260,38 +256,27 @@ def _simulate(steps: Steps, frame: Frame) -> str:
                 with code.when(code.either(due, last)):
                     arms.call('accelerate')
             with code.when(due):
-                arms.write(after, row.get())
-            row.set(code.integer('add', row.get(), code.let(f'zext i1 {due} to i64')))
-            later = code.integer('add', wait.get(), 1)
-            wait.set(code.let(f'select i1 {due}, i64 1, i64 {later}'))
+                arms.report(after, t)
         for name in steps.rows:
-            arms.give(name, name)
-        arms.report(reached.get(), lost)
+            arms.give(name)
+        arms.end(reached.get(), lost)
     code.ret('i64', lost.get())
     return str(code)
 
 
-class _Arms:
+class _Arms(Script):
     """Writer of a function that moves arms from the arrays of a plan into a frame and back."""
 
     def __init__(self, kind: str, name: str, steps: Steps, frame: Frame) -> None:
         head = f'define {kind} @{name}(ptr %plan)'
-        self.code = code = Code(head, steps.dtype, steps.width)
-        self._steps, self._frame, self._near = steps, frame, code.array(frame.size)
-        self._register = code.width * code.bytes
-        kinds = ['i64'] * (len(PLAN) - 1) + ['ptr']
-        self.plan = {
-            name: code.load(kind, code.at('%plan', k, 8))
-            for k, (name, kind) in enumerate(zip(PLAN, kinds, strict=True))
-        }
+        super().__init__(name, frame, {}, steps.dtype, steps.width, head=head)
+        self._steps, code = steps, self.code
+        kinds = ['i64'] * (len(PLAN) - 1) + ['ptr'] + ['ptr', *['i64'] * 3] * len(steps.arrays)
+        numbers = [code.load(kind, code.at('%plan', k, 8)) for k, kind in enumerate(kinds)]
+        self.plan = dict(zip(PLAN, numbers, strict=False))
         # Of each array the address, and bytes between arms, elements and steps.
-        self._table = {
-            name: [
-                code.load(kind, code.at('%plan', len(PLAN) + 4 * k + j, 8))
-                for j, kind in enumerate(('ptr', 'i64', 'i64', 'i64'))
-            ]
-            for k, name in enumerate(steps.arrays)
-        }
+        rows = range(len(PLAN), len(numbers), 4)
+        self._table = {x: numbers[k : k + 4] for x, k in zip(steps.arrays, rows, strict=True)}
 
     @contextmanager
     def each(self) -> Iterator[None]:
@@ -306,8 +291,7 @@ class _Arms:
                 with code.when(code.negated(self.changes(name))):
                     self.take(name)
             if KNOWN in self._frame:
-                place = self._frame.place(KNOWN, 1)
-                code.write(code.constant(0.0), self._near, place, self._register)
+                self.fill(KNOWN, 0.0, 1)
             yield
 
     def changes(self, name: str) -> str:
@@ -318,37 +302,33 @@ class _Arms:
         """Copy an array at a step into the frame."""
         self._move(name, name, step, True)
 
-    def give(self, name: str, target: str, step: object = 0) -> None:
-        """Copy an array of the frame to an array of the table, at a step."""
-        self._move(name, target, step, False)
+    def give(self, name: str) -> None:
+        """Copy an array of the frame to the array of the table."""
+        self._move(name, name, 0, False)
 
-    def write(self, names: Sequence[str], row: str) -> None:
-        """Copy arrays of the frame to a row of those that are written."""
+    def report(self, names: Sequence[str], step: str) -> None:
+        """Copy arrays of the frame to the row of a step of those that are written."""
+        row = self.code.integer('udiv', step, self.plan['every'])
         for name in names:
             k = self._steps.written.index(name)
             self._move(name, OUT, row, False, self.code.integer('mul', self.plan['apart'], k))
 
-    def call(self, name: str) -> None:
-        """Call a function of a frame."""
-        self.code.call('void', name, f'ptr {self._near}')
-
     def finite(self) -> str:
         """Return for each arm whether its motion is finite."""
         code, nothing = self.code, self.code.constant(0.0)
-        for name in MOTION:
-            for k in range(self._frame.length(name)):
-                nothing = code.op('fma', self.element(name, k), code.constant(0.0), nothing)
+        for number in (x for name in MOTION for x in self.read(name)):
+            nothing = code.op('fma', number, code.constant(0.0), nothing)
         return code.let(f'fcmp ord {code.type} {nothing}, {nothing}')
 
     def count(self) -> None:
         """Add one to the numbers in the table whose flags in the frame are set."""
         code, (base, *_) = self.code, self._table[COUNTS]
-        for k in range(self._frame.length(COUNTS)):
+        for k, flag in enumerate(self.read(COUNTS)):
             place = code.at(base, k, 8)
-            one = code.let(f'zext i1 {code.above(self.element(COUNTS, k))} to i64')
+            one = code.let(f'zext i1 {code.above(flag)} to i64')
             code.store('i64', code.integer('add', code.load('i64', place), one), place)
 
-    def report(self, reached: str, lost: Variable) -> None:
+    def end(self, reached: str, lost: Variable) -> None:
         """Add finite steps of each arm; lanes beyond the last arm repeat it, and add none."""
         code, plan = self.code, self.plan
         lanes, there = code.array(1, code.index), code.at(plan['finite'], self._first, 8)
@@ -361,19 +341,15 @@ class _Arms:
             with code.when(code.test('ne', code.load('i64', place), plan['until'])):
                 lost.set(1)
 
-    def element(self, name: str, k: int) -> str:
-        """Return one element of an array of the frame."""
-        first = self._frame.place(name, self._frame.length(name))
-        return self.code.read(self._near, first + k, self._register)
-
     def _move(self, name: str, there: str, step: object, inward: bool, on: object = 0) -> None:
         code, size = self.code, self._frame.length(name)
         base, arm, element, later = self._table[there]
         start = code.at(code.at(code.at(base, on), self._first, arm), step, later)
-        near = code.at(self._near, self._frame.place(name, size), self._register)
         function = f'arms_{"in" if inward else "out"}{size}'
         strides = f'i64 {arm}', f'i64 {element}'
-        code.call('void', function, f'ptr {start}', *strides, f'ptr {near}', f'i64 {self._last}')
+        code.call(
+            'void', function, f'ptr {start}', *strides, f'ptr {self.at(name)}', f'i64 {self._last}'
+        )
 
 
 def _copy(steps: Steps, size: int, inward: bool) -> str:

@@ -19,18 +19,10 @@ import math
 import time
 
 from pfd_core.dynamics.numbers import PARAMETERS, count
-from pfd_core.forking import load
 from pfd_core.kernels.generate import declarations
 from pfd_core.kernels.lower import lower
 from pfd_core.kernels.native import Native
-from pfd_core.kernels.recipes import (
-    Recipe,
-    digest,
-    forward,
-    motors,
-    quantity,
-    turned_joints,
-)
+from pfd_core.kernels.recipes import Recipe, digest, forward, quantity, recipe, turned_joints
 from pfd_core.kernels.script import Frame
 from pfd_core.kernels.simulate import MOTION, PLAN, Steps, simulation_functions
 from pfd_core.kernels.spec import KernelSpec
@@ -198,47 +190,12 @@ def compile_steps(
 
     `written`, `width` and `control`, a recorded program, are as for Steps.
     """
-    sources = step_dynamics(spec, step)
-    main = next(iter(sources.values()))
-    inputs = step_inputs(main, step.plant)
+    sources, inputs = step_dynamics(spec, step)
     steps = Steps(
         spec.robot.n, step.further, inputs, written, spec.dtype, width, step.shared, control
     )
-
-    @cache
-    def lowered() -> dict[str, Program]:
-        # Without fused operations: limited efforts are compared with those wanted.
-        own = step.programs() | ({} if control is None else {'control': control})
-        return {k: lower(program, spec.dtype, fma=False).compiled for k, program in own.items()}
-
-    def dynamics() -> dict[str, Program]:
-        return {name: source.program for name, source in sources.items()}
-
-    def ir() -> str:
-        programs, frame, angles = dict(lowered()), steps.frame(), turned_joints(spec.robot)
-        law = programs.pop('control', None)
-        parts = step.write(steps, programs, dynamics(), frame, angles)
-        parts += simulation_functions(steps, law, dynamics(), frame)
-        return '\n\n'.join([*parts, declarations(spec.dtype, {1, width}, bool(angles))])
-
-    def described() -> str:
-        found = dynamics() | lowered()
-        if control is not None:
-            found['control'] = replace(found['control'], inputs=control.inputs)
-        settings = [f'{name} {digest(program)}' for name, program in found.items()]
-        return hashlib.sha256(
-            '\n'.join([step.settings, spec.dtype, *settings]).encode()
-        ).hexdigest()
-
-    keys = {name: source.key for name, source in sources.items()}
-    controls = '' if control is None else digest(control)
     sampled = [] if 'qdd' in written else ['accelerations']
-    native = main.compile(
-        f'steps {width} {written} {step.settings} {step.plant.digest} {keys} {controls}',
-        ['simulate', *sampled],
-        ir,
-        described=described,
-    )
+    native = _compiled(spec, step, steps, sources, ['simulate', *sampled])
     kind = ctypes.CFUNCTYPE
     places = {name: len(PLAN) + 4 * k for k, name in enumerate(steps.arrays)}
     if PARAMETERS in places:
@@ -247,56 +204,11 @@ def compile_steps(
     return NativeSteps(
         steps,
         places,
-        max(main.work * step.evaluations, 1),
+        max(_work(sources, step), 1),
         kind(ctypes.c_int64, ctypes.c_void_p)(native['simulate']),
         kind(None, ctypes.c_void_p)(native['accelerations']) if sampled else None,
         native.facts.digest,
         native,
-    )
-
-
-def step_dynamics(spec: KernelSpec, step: StepCode) -> dict[str, Recipe]:
-    """
-    Return the sources of the dynamics of a step by name, first of its accelerations.
-
-    Of a smooth step: `qdd`; if it is implicit, `undamped` and `solve`, (H + c h D)^-1 tau. Of a
-    step with events: `accelerations` under torques of the joints, without damping; `held`, see
-    record_held; `motor`, torques of the motors; and `solve`, (H + diag(rotor))^-1 tau, if it is
-    implicit. With brakes or stops `momentum`, H qdd, and `inertial`, H^-1 tau of the free joints.
-    """
-    plant, dtype = spec.plant, spec.dtype
-    still = replace(plant.only(INERTIA), external_wrench=False)
-    impulses = {
-        'momentum': quantity(replace(still, brakes=False), 'inverse_dynamics', dtype),
-        'inertial': forward(spec, replace(still, brakes=True)),
-    }
-    if not step.contact:
-        sources = {'qdd': forward(spec)}
-        heavier = replace(plant, implicit=step.implicit).implicit_inertia
-        if heavier is not None:
-            varied = dict(plant.varied)
-            if 'implicit_inertia' in varied:
-                varied['inertia'] = varied['implicit_inertia']
-            solved = replace(still, effects={'armature': heavier}, varied=varied)
-            sources['undamped'] = forward(spec, plant.only(LINKS, INERTIA, JOINTS, MOTORS))
-            sources['solve'] = forward(spec, solved)
-        return sources | (impulses if plant.brakes else {})
-    moved = replace(plant.only(LINKS, INERTIA, JOINTS), brakes=True)
-    sources = {'accelerations': forward(spec, moved)}
-    sources['held'] = _recorded('record_held', moved, dtype)
-    if has_drives(plant):
-        sources['motor'] = motors(plant, dtype)
-    if step.stops or plant.brakes:
-        sources |= impulses
-    if step.implicit:
-        sources['solve'] = _recorded('record_solve', moved, dtype)
-    return sources
-
-
-def _recorded(name: str, plant: Plant, dtype: str) -> Recipe:
-    """Return the recipe of a program of pfd_core.dynamics.composite."""
-    return Recipe(
-        (name, plant.digest, dtype), lambda: load(f'dynamics.composite.{name}')(plant), dtype
     )
 
 
@@ -319,33 +231,104 @@ def compile_adaptive(
 
     `frame_of` returns a frame for a number of joints and the elements of the inputs.
     """
-    sources = step_dynamics(spec, step)
-    main = next(iter(sources.values()))
-    steps = Steps(spec.robot.n, (), step_inputs(main, step.plant), (), spec.dtype)
-    frame = frame_of(steps.n, steps.inputs)
+    sources, inputs = step_dynamics(spec, step)
+    steps, frame = Steps(spec.robot.n, (), inputs, (), spec.dtype), frame_of(spec.robot.n, inputs)
+    native = _compiled(spec, step, steps, sources, ['adaptive', 'size'], frame)
+    size = ctypes.CFUNCTYPE(ctypes.c_int64)(native['size'])()
+    return AdaptiveSteps(_work(sources, step), frame, size, native['adaptive'], native)
+
+
+def _work(sources: Mapping[str, Recipe], step: StepCode) -> int:
+    """Return the operations of the evaluations in a step without events."""
+    return next(iter(sources.values())).work * step.evaluations
+
+
+def _compiled(
+    spec: KernelSpec,
+    step: StepCode,
+    steps: Steps,
+    sources: Mapping[str, Recipe],
+    functions: Sequence[str],
+    adaptive: Frame | None = None,
+) -> Native:
+    """Return native code of a step, on a frame if it is adaptive, else with its simulation."""
+    control = steps.control
+
+    @cache
+    def lowered() -> dict[str, Program]:
+        own = step.programs() | ({} if control is None else {'control': control})
+        # Without fused operations: limited efforts are compared with those wanted.
+        fma = adaptive is not None
+        return {k: lower(program, spec.dtype, fma=fma).compiled for k, program in own.items()}
+
+    def dynamics() -> dict[str, Program]:
+        return {name: source.program for name, source in sources.items()}
 
     def ir() -> str:
-        programs = {
-            k: lower(program, spec.dtype).compiled for k, program in step.programs().items()
-        }
-        dynamics = {k: source.program for k, source in sources.items()}
-        angles = turned_joints(spec.robot)
-        parts = step.write(steps, programs, dynamics, frame, angles)
-        return '\n\n'.join([*parts, declarations(spec.dtype, {1}, bool(angles))])
+        programs, angles = dict(lowered()), turned_joints(spec.robot)
+        law, frame = programs.pop('control', None), adaptive or steps.frame()
+        parts = step.write(steps, programs, dynamics(), frame, angles)
+        if adaptive is None:
+            parts += simulation_functions(steps, law, dynamics(), frame)
+        widths = {1, steps.width}
+        return '\n\n'.join([*parts, declarations(spec.dtype, widths, bool(angles))])
+
+    def described() -> str:
+        found = dynamics() | lowered()
+        if control is not None:
+            found['control'] = replace(found['control'], inputs=control.inputs)
+        settings = [f'{name} {digest(program)}' for name, program in found.items()]
+        return hashlib.sha256(
+            '\n'.join([step.settings, spec.dtype, *settings]).encode()
+        ).hexdigest()
 
     keys = {name: source.key for name, source in sources.items()}
-    module = f'adaptive {step.settings} {step.plant.digest} {keys}'
-    native = main.compile(module, ['adaptive', 'size'], ir)
-    size = ctypes.CFUNCTYPE(ctypes.c_int64)(native['size'])()
-    work = main.work * step.evaluations
-    return AdaptiveSteps(work, frame, size, native['adaptive'], native)
+    own = steps.width, steps.written, step.settings, step.plant.digest, keys
+    controls = '' if control is None else digest(control)
+    main = next(iter(sources.values()))
+    return main.compile(f'{functions} {own} {controls}', functions, ir, described)
 
 
-def step_inputs(main: Recipe, plant: Plant) -> dict[str, int]:
-    """Return the elements of the inputs of the dynamics besides the state."""
+def step_dynamics(spec: KernelSpec, step: StepCode) -> tuple[dict[str, Recipe], dict[str, int]]:
+    """
+    Return the sources of the dynamics of a step by name, and elements of its inputs.
+
+    The first source is of the accelerations. Of a smooth step: `qdd`; if it is implicit,
+    `undamped` and `solve`, (H + c h D)^-1 tau. Of a step with events: `accelerations` under
+    torques of the joints, without damping; `held`, see record_held; `motor`, torques of the
+    motors; and `solve`, (H + diag(rotor))^-1 tau, if it is implicit. With brakes or stops
+    `momentum`, H qdd, and `inertial`, H^-1 tau of the free joints. The inputs are those besides
+    the state.
+    """
+    plant, dtype = spec.plant, spec.dtype
+    still = replace(plant.only(INERTIA), external_wrench=False)
+    if step.contact:
+        moved = replace(plant.only(LINKS, INERTIA, JOINTS), brakes=True)
+        sources = {
+            'accelerations': forward(spec, moved),
+            'held': recipe('composite.record_held', moved, dtype),
+        }
+        if has_drives(plant):
+            sources['motor'] = recipe('drives.record_motor_torques', plant, dtype)
+        if step.implicit:
+            sources['solve'] = recipe('composite.record_solve', moved, dtype)
+    else:
+        sources = {'qdd': forward(spec, plant)}
+        heavier = replace(plant, implicit=step.implicit).implicit_inertia
+        if heavier is not None:
+            varied = dict(plant.varied)
+            if 'implicit_inertia' in varied:
+                varied['inertia'] = varied['implicit_inertia']
+            solved = replace(still, effects={'armature': heavier}, varied=varied)
+            sources['undamped'] = forward(spec, plant.only(LINKS, INERTIA, JOINTS, MOTORS))
+            sources['solve'] = forward(spec, solved)
+    if step.stops or plant.brakes:
+        unbraked = replace(still, brakes=False)
+        sources['momentum'] = quantity(unbraked, 'inverse_dynamics', dtype)
+        sources['inertial'] = forward(spec, replace(still, brakes=True))
     inputs = {
         name: size
-        for name, size in main.inputs.items()
-        if name not in MOTION and (name != 'free' or plant.brakes)
+        for name, size in next(iter(sources.values())).inputs.items()
+        if name not in MOTION and (name != 'free' or step.plant.brakes)
     }
-    return inputs | ({PARAMETERS: count(plant)} if plant.varied else {})
+    return sources, inputs | ({PARAMETERS: count(step.plant)} if step.plant.varied else {})

@@ -30,20 +30,18 @@ from pfd_core.kernels.generate import (
     evaluate,
     inputs_of,
     parameters,
-    wrap_number,
 )
-from pfd_core.kernels.ir import Code
 from pfd_core.kernels.kernel import Kernel
-from pfd_core.kernels.lower import lower
+from pfd_core.kernels.lower import joined, lower
 from pfd_core.kernels.native import Optimisation, simd_width
 from pfd_core.kernels.recipes import Facts, Recipe, digest
 from pfd_core.kernels.script import Frame, Script
 from pfd_core.kernels.simulate import MOTION, MOTOR_TORQUE, UNFINISHED, Steps
-from pfd_core.kernels.simulations import StepCode, step_dynamics, step_inputs
+from pfd_core.kernels.simulations import StepCode, step_dynamics
 from pfd_core.kernels.sines import WRAP_LIMIT, wrap_angle
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.derivative import directional
-from pfd_core.machine.program import Output, Program
+from pfd_core.machine.program import Program
 from pfd_core.model.effects import JOINTS
 
 # Of names: the tangents of an array.
@@ -79,19 +77,15 @@ class DualFrame(Frame):
 class DualScript(Script):
     """Writer of a function on dual numbers: whatever is done with an array is done with both."""
 
-    def evaluate(self, result: str, name: str, **arrays: str) -> None:
-        """Evaluate dynamics, whose result are values and then tangents."""
-        program = self._dynamics[name]
-        (output,) = program.outputs.values()
-        arrays = _with_tangents(arrays, inputs_of(program))
-        places = [self.at(arrays[key], program.inputs[key]) for key in inputs_of(program)]
-        places.append(self.at(result, len(output.places) // 2))
-        self.code.call('void', f'evaluate_{name}', *(f'ptr {place}' for place in places))
+    parts = 2  # values and tangents
 
-    def run(self, name: str, **arrays: str) -> None:
-        """Run a program."""
-        program = self._programs[name]
-        super().run(name, **_with_tangents(arrays, (*program.inputs, *program.outputs)))
+    def named(self, arrays: Mapping[str, str], names: Collection[str]) -> dict[str, str]:
+        """Return the array of each input or output of a program."""
+        found = {}
+        for name in names:
+            base = name.removesuffix(TANGENT)
+            found[name] = arrays.get(base, base) + name[len(base) :]
+        return found
 
     def fill(self, name: str, value: float, size: int) -> None:
         """Write equal elements to an array."""
@@ -104,15 +98,6 @@ class DualScript(Script):
         super().copy(of(source), of(target))
 
 
-def _with_tangents(arrays: Mapping[str, str], names: Collection[str]) -> dict[str, str]:
-    """Return the array for each input or output of a program."""
-    found = {}
-    for name in names:
-        base = name.removesuffix(TANGENT)
-        found[name] = arrays.get(base, base) + name[len(base) :]
-    return found
-
-
 def dual(program: Program, constant: Collection[str]) -> Program:
     """
     Return a program with tangents, (...) after the values, of its outputs by its inputs.
@@ -120,36 +105,11 @@ def dual(program: Program, constant: Collection[str]) -> Program:
     Inputs and outputs in `constant` have none.
     """
     inputs = [name for name in program.inputs if name not in constant]
-    outputs = [name for name in program.outputs if name not in constant]
-    if not inputs or not outputs:
+    if not inputs or not program.outputs.keys() - constant:
         return program
-    found = directional(program, list(program.outputs), inputs)
-
-    def spelled(name: str) -> str:
-        return of(name[2:]) if name.startswith('d ') else name
-
-    instructions = tuple(
-        i._replace(data=((spelled(i.data[0][0]), i.data[0][1]),)) if i.op == 'input' else i
-        for i in found.instructions
-    )
-    kept = {*program.outputs, *(f'd {name}' for name in outputs)}
-    return replace(
-        found,
-        instructions=instructions,
-        inputs={spelled(name): size for name, size in found.inputs.items()},
-        outputs={spelled(name): x for name, x in found.outputs.items() if name in kept},
-    )
-
-
-def _dual_dynamics(recipe: Recipe, constant: Collection[str], dtype: str) -> Program:
-    """Return lowered dynamics whose one output are values and then tangents."""
-    found = dual(recipe.lowered.folded, constant)
-    name = next(iter(found.outputs))
-    places = tuple(place for output in found.outputs.values() for place in output.places)
-    if len(found.outputs) == 1:
-        # No input varies.
-        raise ValueError(f'dynamics without a derivative: {list(found.inputs)}')
-    return lower(replace(found, outputs={name: Output((len(places),), places)}), dtype).compiled
+    found = directional(program, list(program.outputs), inputs, of)
+    off = {of(name) for name in constant}
+    return replace(found, outputs={k: x for k, x in found.outputs.items() if k not in off})
 
 
 class TangentSource(Recipe):
@@ -165,31 +125,25 @@ class TangentSource(Recipe):
     ) -> None:
         self._step, self._substeps = step, substeps
         self._constant, self._plain = constant, plain
-        self._sources = step_dynamics(spec, step)
-        self._main = main = next(iter(self._sources.values()))
+        self._sources, inputs = step_dynamics(spec, step)
+        self._main = next(iter(self._sources.values()))
         self._n, self._dtype = spec.robot.n, spec.dtype
-        sizes = dict.fromkeys(MOTION, self._n) | step_inputs(main, step.plant)
+        sizes = dict.fromkeys(MOTION, self._n) | inputs
         self._inputs = {name: sizes[name] for name in inputs_of(Program(1, (), sizes, {}))}
+        # The rows of the state that the motion depends on.
+        self._rows = (*MOTION, *(name for name in step.further if name == MOTOR_TORQUE))
+        rows = len(self._rows)
+        self._shape = [self._n * rows, self._n * (rows + 1) + 1 + step.contact]
         keys = [str(source.key) for source in self._sources.values()]
         settings = f'{step.settings} {substeps} {step.plant.digest}'
         self.key = ('tangents', str(simd_width(spec.dtype)), settings, *keys)
-
-    @property
-    def _rows(self) -> tuple[str, ...]:
-        """The rows of the state that the motion depends on."""
-        return (*MOTION, *(name for name in self._step.further if name == MOTOR_TORQUE))
-
-    @property
-    def _shape(self) -> tuple[int, int]:
-        rows = len(self._rows)
-        return self._n * rows, self._n * (rows + 1) + 1 + self._step.contact
 
     def _facts(self) -> Facts:
         own = [*self.key, *(source.facts.digest for source in self._sources.values())]
         own += [f'{name} {digest(program)}' for name, program in self._programs().items()]
         described = hashlib.sha256('\n'.join(own).encode()).hexdigest()
         operations = self._main.facts.operations
-        return Facts(self._inputs, list(self._shape), operations, False, described)
+        return Facts(self._inputs, self._shape, operations, False, described)
 
     @property
     def work(self) -> int:
@@ -217,7 +171,7 @@ class TangentSource(Recipe):
         inputs = {name: size for name, size in self._inputs.items() if name not in MOTION}
         steps = Steps(n, step.further, inputs, (), dtype, width, step.shared)
         dynamics = {
-            name: _dual_dynamics(source, self._constant, dtype)
+            name: lower(joined(dual(source.lowered.folded, self._constant)), dtype).compiled
             for name, source in self._sources.items()
         }
         frame = DualFrame()
@@ -229,12 +183,75 @@ class TangentSource(Recipe):
         signature, size = Program(1, (), self._inputs, {}), math.prod(self._shape)
         functions = [
             *step.write(steps, self._programs(), dynamics, frame, angles),
-            _Body(steps, self._rows, frame, self._inputs).written(self._substeps, wrapped),
+            self._body(steps, frame, wrapped),
             evaluate(signature, dtype, 1, ()),
             batch(signature, dtype, 1, size),
             declarations(dtype, {1, width}, False),
         ]
         return functions + [wrap_angle(ANGLE_LIMIT if wrapped else WRAP_LIMIT)] * bool(angles)
+
+    def _body(self, steps: Steps, frame: DualFrame, angles: Sequence[int]) -> str:
+        """
+        Return `void @body1(inputs..., out)`: substeps in all directions, a register at a time.
+
+        Of `angles`, elements of q, only the part within half a turn enters the stages: a stage
+        would round a large angle. The turns are added to the angle at the end.
+        """
+        head = f'define internal void @body1({parameters([*self._inputs, "out"])})'
+        s = Script('body1', frame, {}, steps.dtype, steps.width, head=head)
+        code, n, width, bytes_ = s.code, steps.n, steps.width, s.code.bytes
+        zero, one = code.constant(0.0), code.constant(1.0)
+
+        def number(place: str) -> str:
+            return code.load(code.scalar, place, bytes_)
+
+        given = {
+            name: [number(code.at(f'%{name}', k, f'%{name}.s')) for k in range(size)]
+            for name, size in self._inputs.items()
+        }
+        turns = {}
+        for k in angles:
+            angle = code.call('double', 'wrap_angle', f'double {given["q"][k]}')
+            turns['q', k] = code.let(f'fsub double {given["q"][k]}, {angle}')
+            given['q'][k] = angle
+        values = {name: [code.spread(x) for x in own] for name, own in given.items()}
+        if MOTOR_TORQUE in self._rows:
+            values[MOTOR_TORQUE] = values['tau']
+        further = [name for name in (HAPPENED, UNFINISHED) if name in frame]
+        values |= {name: [zero] * n for name in further}
+        directions = [(name, k) for name in (*self._rows, 'tau') for k in range(n)]
+        ends, m, columns = directions[:-n], len(directions), self._shape[1]
+        lanes = ', '.join(f'i64 {lane}' for lane in range(width))
+        with code.loop(m, step=width) as first:
+            for name, own in values.items():
+                s.write(name, own)
+            # The direction in each lane.
+            begun = code.let(f'insertelement {code.index} poison, i64 {first}, i64 0')
+            begun = code.shuffle(code.index, begun, 'poison', [0] * width)
+            here = code.let(f'add {code.index} {begun}, <{lanes}>')
+            for k, (name, joint) in enumerate(directions):
+                flags = code.let(f'icmp eq {code.index} {here}, splat (i64 {k})')
+                code.write(code.choose(flags, one, zero), s.at(of(name), k=joint), 0, 0)
+            for function in ['brake'] * ('free' in steps.inputs) + ['accelerate'] * steps.shared:
+                s.call(function)
+            with code.loop(self._substeps):
+                s.call('advance')
+            count = code.least(width, code.integer('sub', m, first))
+            for i, (name, k) in enumerate(ends):
+                source, row = s.at(of(name), k=k), code.at('%out', i * columns, '%out.s')
+                with code.loop(count) as lane:
+                    place = code.at(row, code.integer('add', first, lane), '%out.s')
+                    value = number(code.at(source, lane, bytes_))
+                    code.store(code.scalar, value, place, bytes_)
+        last = [(m, ends), (m + 1, [(name, k) for name in further for k in range(n)])]
+        for column, results in last:
+            for i, (name, k) in enumerate(results):
+                value = number(s.at(name, k=k))
+                if (name, k) in turns:
+                    value = code.let(f'fadd double {value}, {turns[name, k]}')
+                place = code.at('%out', i * columns + column, '%out.s')
+                code.store(code.scalar, value, place, bytes_)
+        return str(s)
 
 
 def compile_tangents(
@@ -275,103 +292,3 @@ def compile_tangents(
     own = replace(spec, method=method, refine=refine)
     source = TangentSource(own, step, substeps, constant, plain)
     return Kernel(spec, source, partial(compile_tangents, spec, step, substeps, constant, plain))
-
-
-class _Body:
-    """Writer of @body1, on arrays of a frame."""
-
-    def __init__(
-        self, steps: Steps, rows: Sequence[str], frame: DualFrame, inputs: Mapping[str, int]
-    ) -> None:
-        self._steps, self._rows, self._frame, self._inputs = steps, rows, frame, inputs
-        head = f'define internal void @body1({parameters([*inputs, "out"])})'
-        self._code = code = Code(head, steps.dtype, steps.width)
-        self._near, self._step = code.array(frame.size), steps.width * code.bytes
-
-    def written(self, substeps: int, angles: Sequence[int]) -> str:
-        """
-        Return `void @body1(inputs..., out)`: substeps along all directions, a register at a time.
-
-        Of `angles`, elements of q, only the part within half a turn enters the stages: a stage
-        would round a large angle. The turns are added to the angle at the end.
-        """
-        code, steps, n = self._code, self._steps, self._steps.n
-        given = {
-            name: [self._number(f'%{name}', k, f'%{name}.s') for k in range(size)]
-            for name, size in self._inputs.items()
-        }
-        turns = self._wrap(given['q'], angles)
-        if MOTOR_TORQUE in self._rows:
-            given[MOTOR_TORQUE] = given['tau']
-        further = [name for name in (HAPPENED, UNFINISHED) if name in self._frame]
-        given |= {name: [Code('', steps.dtype).constant(0.0)] * n for name in further}
-        directions = [(name, k) for name in (*self._rows, 'tau') for k in range(n)]
-        m, columns = len(directions), len(directions) + 1 + bool(further)
-        seeds = code.array(m)
-        with code.loop(m, step=steps.width) as first:
-            for name, values in given.items():
-                for k, value in enumerate(values):
-                    code.write(code.spread(value), self._at(name, k), 0, 0)
-            count = self._seed(seeds, m, first)
-            for k, (name, joint) in enumerate(directions):
-                code.write(code.read(seeds, k, self._step), self._at(of(name), joint), 0, 0)
-            before = ['brake'] * ('free' in steps.inputs) + ['accelerate'] * steps.shared
-            for function in before:
-                code.call('void', function, f'ptr {self._near}')
-            with code.loop(substeps):
-                code.call('void', 'advance', f'ptr {self._near}')
-            for i, (name, k) in enumerate(directions[:-n]):
-                source, row = self._at(of(name), k), code.at('%out', i * columns, '%out.s')
-                with code.loop(count) as lane:
-                    value = self._number(source, lane, code.bytes)
-                    place = code.at(row, code.integer('add', first, lane), '%out.s')
-                    code.store(code.scalar, value, place, code.bytes)
-        for i, (name, k) in enumerate(directions[:-n]):
-            value = self._number(self._at(name, k), 0, 0)
-            if name == 'q' and k in turns:
-                value = code.let(f'fadd {code.scalar} {value}, {turns[k]}')
-            self._write(value, i * columns + m)
-        for i, (name, k) in enumerate((name, k) for name in further for k in range(n)):
-            self._write(self._number(self._at(name, k), 0, 0), i * columns + m + 1)
-        code.ret()
-        return str(code)
-
-    def _at(self, name: str, k: int) -> str:
-        """Return the address of an element of an array of the frame."""
-        first = self._frame.place(name, self._frame.length(name))
-        return self._code.at(self._near, first + k, self._step)
-
-    def _number(self, base: str, k: object, stride: object) -> str:
-        return self._code.load(self._code.scalar, self._code.at(base, k, stride), self._code.bytes)
-
-    def _write(self, value: str, k: int) -> None:
-        place = self._code.at('%out', k, '%out.s')
-        self._code.store(self._code.scalar, value, place, self._code.bytes)
-
-    def _seed(self, seeds: str, m: int, first: str) -> str:
-        """Write the unit vectors from number `first` on; return how many lanes have one."""
-        code = self._code
-        for k in range(m):
-            code.write(code.constant(0.0), seeds, k, self._step)
-        count = code.least(code.width, code.integer('sub', m, first))
-        with code.loop(count) as lane:
-            row = code.at(seeds, code.integer('add', first, lane), self._step)
-            one = Code('', code.dtype).constant(1.0)
-            code.store(code.scalar, one, code.at(row, lane, code.bytes))
-        return count
-
-    def _wrap(self, q: list[str], angles: Sequence[int]) -> dict[int, str]:
-        """Wrap the angles among the positions; return what each of them has lost."""
-        code, turns = self._code, {}
-        near = code.array(1, code.scalar)
-        limit = Code('', code.dtype).constant(ANGLE_LIMIT)
-        for k in angles:
-            code.store(code.scalar, q[k], near)
-            one = Code('', code.dtype)
-            size = code.let(f'call {code.scalar} @llvm.fabs.{one.suffix}({code.scalar} {q[k]})')
-            with code.when(code.let(f'fcmp ugt {code.scalar} {size}, {limit}'), rarely=True):
-                wrap_number(code, near)
-            value = code.load(code.scalar, near)
-            turns[k] = code.let(f'fsub {code.scalar} {q[k]}, {value}')
-            q[k] = value
-        return turns

@@ -12,14 +12,13 @@ is counted in operations on vector registers.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import suppress
 import ctypes
 from functools import cache
 import math
 import os
 from pathlib import Path, PurePosixPath
-from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -91,8 +90,6 @@ def run(
         return work(0, count)
     starts = range(0, count, block)
     blocks = iter(starts)  # common to all threads
-    begun: list[None] = []
-    ended: SimpleQueue[int | BaseException] = SimpleQueue()
 
     def compute() -> int:
         flags = 0
@@ -100,27 +97,20 @@ def run(
             flags |= work(first, min(block, count - first))
         return flags
 
-    def help_caller() -> None:
-        begun.append(None)
-        try:
-            ended.put(compute())
-        except BaseException as error:
-            ended.put(error)
-
+    helpers = []
     try:
         # No worker can be had if the interpreter ends, or the system starts no more threads.
         with suppress(RuntimeError):
             for _ in range(1, min(threads, len(starts))):
-                _pool.submit(help_caller)
+                helpers.append(_pool.submit(compute))
         flags = compute()
     finally:
         for _ in blocks:  # after an exception nobody takes another one
             pass
-        results = [ended.get() for _ in begun]
-    for result in results:
-        if isinstance(result, BaseException):
-            raise result
-        flags |= result
+        begun = [helper for helper in helpers if not helper.cancel()]
+        wait(begun)
+    for helper in begun:
+        flags |= helper.result()
     return flags
 
 

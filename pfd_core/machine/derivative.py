@@ -32,7 +32,7 @@ Source: Griewank and Walther, Evaluating Derivatives, 2nd ed. 2008, chapter 3.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 from pfd_core.machine.operations import OPERATIONS
@@ -82,21 +82,26 @@ def derivative(
     return extension.extended(outputs)
 
 
-def directional(program: Program, outputs: Sequence[str], inputs: Sequence[str]) -> Program:
+def directional(
+    program: Program,
+    outputs: Sequence[str],
+    inputs: Sequence[str],
+    name: Callable[[str], str] = 'd {}'.format,
+) -> Program:
     """
     Return a sequential program with the derivative of outputs in one direction.
 
-    Each input x has a further input `d {x}`, and each output y a further output
-    `d {y}` = sum over x of (d y/d x) d x. ValueError as for `derivative`, and if the program has
-    one of the further names already.
+    Each input x has a further input `name(x)`, d x, and each output y a further output
+    `name(y)`, d y = sum over x of (d y/d x) d x. ValueError as for `derivative`, and if the
+    program has one of the further names already.
     """
     _check(program, outputs, inputs, MODES[0])
-    taken = {f'd {name}' for name in (*inputs, *outputs)} & {*program.inputs, *outputs}
+    taken = {name(x) for x in (*inputs, *outputs)} & {*program.inputs, *outputs}
     if taken:
         raise ValueError(f'the program has {sorted(taken)} already: rename inputs and outputs')
     active, extension = _active(program, outputs, inputs), _Extension(program)
     seeds = {
-        r: {GIVEN: extension.further_input(f'd {x}', k, program.inputs[x])}
+        r: {GIVEN: extension.further_input(name(x), k, program.inputs[x])}
         for r, (x, k) in _read(program)
         if x in inputs
     }
@@ -104,7 +109,7 @@ def directional(program: Program, outputs: Sequence[str], inputs: Sequence[str])
     for y in outputs:
         shape, elements = program.outputs[y]
         values = [tangents.get(r, {}).get(GIVEN, 0.0) for r, _ in elements]
-        extension.output(f'd {y}', shape, [(v, 0) for v in values])
+        extension.output(name(y), shape, [(v, 0) for v in values])
     return extension.extended(outputs)
 
 

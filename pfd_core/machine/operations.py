@@ -91,21 +91,24 @@ def _rounded_once(a: float, b: float, c: float, again: bool) -> float:
     return near
 
 
-def _one(z: Any, *operands: Any) -> float:
-    return 1.0
-
-
-def _first(z: Any, a: Any, *operands: Any) -> Any:
-    return a
-
-
-def _second(z: Any, a: Any, b: Any, *operands: Any) -> Any:
-    return b
-
-
 def _reciprocal(z: Any, a: Any, b: Any) -> Any:
     return z.recorder.apply('div', 1.0, b)
 
+
+ONE: Partial = (1.0, lambda z, *operands: 1.0)
+MINUS_ONE: Partial = (-1.0, ONE[1])
+FIRST: Partial = (1.0, lambda z, a, *operands: a)
+SECOND: Partial = (1.0, lambda z, a, b, *operands: b)
+QUOTIENT: tuple[Partial, ...] = (
+    (1.0, _reciprocal),
+    (-1.0, lambda z, a, b: z * _reciprocal(z, a, b)),
+)
+ROOT: Partial = (1.0, lambda z, a: z.recorder.apply('div', 0.5, z))
+SINE: Partial = (1.0, lambda z, a: z.recorder.apply('cos', a))
+COSINE: Partial = (-1.0, lambda z, a: z.recorder.apply('sin', a))
+ADD, SUB, MUL, DIV = (f'f{name} {{type}} {{0}}, {{1}}' for name in ('add', 'sub', 'mul', 'div'))
+FMA = 'call {type} @llvm.fma.{suffix}({type} {0}, {type} {1}, {type} {2})'
+SQRT = 'call {type} @llvm.sqrt.{suffix}({type} {0})'
 
 OPERATIONS = {
     operation.name: operation
@@ -117,53 +120,17 @@ OPERATIONS = {
         # The second operand where the first is above zero, else the third. Its derivative is that
         # of the operand that is selected (pfd_core.machine.derivative).
         Operation('select', 3, None, lambda c, chosen, other: np.where(c > 0, chosen, other)),
-        Operation(
-            'add', 2, 'additions', np.add, 'fadd {type} {0}, {1}', ((1.0, _one), (1.0, _one))
-        ),
-        Operation(
-            'sub', 2, 'additions', np.subtract, 'fsub {type} {0}, {1}', ((1.0, _one), (-1.0, _one))
-        ),
-        Operation(
-            'mul',
-            2,
-            'multiplications',
-            np.multiply,
-            'fmul {type} {0}, {1}',
-            ((1.0, _second), (1.0, _first)),
-        ),
-        Operation(
-            'div',
-            2,
-            'divisions',
-            np.divide,
-            'fdiv {type} {0}, {1}',
-            ((1.0, _reciprocal), (-1.0, lambda z, a, b: z * _reciprocal(z, a, b))),
-        ),
-        Operation('neg', 1, None, np.negative, 'fneg {type} {0}', ((-1.0, _one),)),
+        Operation('add', 2, 'additions', np.add, ADD, (ONE, ONE)),
+        Operation('sub', 2, 'additions', np.subtract, SUB, (ONE, MINUS_ONE)),
+        Operation('mul', 2, 'multiplications', np.multiply, MUL, (SECOND, FIRST)),
+        Operation('div', 2, 'divisions', np.divide, DIV, QUOTIENT),
+        Operation('neg', 1, None, np.negative, 'fneg {type} {0}', (MINUS_ONE,)),
         # One rounding of a b + c. No step counts it: kernels put it in the place of an addition
         # and a multiplication (pfd_core.kernels.simplify).
-        Operation(
-            'fma',
-            3,
-            None,
-            fused,
-            'call {type} @llvm.fma.{suffix}({type} {0}, {type} {1}, {type} {2})',
-            ((1.0, _second), (1.0, _first), (1.0, _one)),
-        ),
-        Operation(
-            'sqrt',
-            1,
-            'square_roots',
-            np.sqrt,
-            'call {type} @llvm.sqrt.{suffix}({type} {0})',
-            ((1.0, lambda z, a: z.recorder.apply('div', 0.5, z)),),
-        ),
-        Operation(
-            'sin', 1, 'sines', np.sin, None, ((1.0, lambda z, a: z.recorder.apply('cos', a)),)
-        ),
-        Operation(
-            'cos', 1, 'sines', np.cos, None, ((-1.0, lambda z, a: z.recorder.apply('sin', a)),)
-        ),
+        Operation('fma', 3, None, fused, FMA, (SECOND, FIRST, ONE)),
+        Operation('sqrt', 1, 'square_roots', np.sqrt, SQRT, (ROOT,)),
+        Operation('sin', 1, 'sines', np.sin, None, (SINE,)),
+        Operation('cos', 1, 'sines', np.cos, None, (COSINE,)),
         # A repeated part: `loop` (its initial rows), `state` (a row as this iteration finds it),
         # `leave` (of the last iteration that is allowed nothing more is run), `end` (the rows for
         # the next iteration), `result` (a row after the last one).

@@ -23,7 +23,7 @@ To change or add
                             acts over a step, as load_friction: also in dry.Law.loaded, and
                             model.plant._without_compensated_gravity
     rotor inertia           config/robots/*.yaml, read by model.yaml_files (_losses); of a URDF by
-                            model.urdf_rotors; estimated by model.rotors; acts with
+                            model.urdf_xml; estimated by model.rotors; acts with
                             Scene(armature=...)
     an equation             paper maps each equation to its function; paper.editions lists the
                             misprints

@@ -547,20 +547,11 @@ def test_a_wrong_file_is_refused_and_the_key_named(text: str, message: str) -> N
         pfd.load_robot(text)
 
 
-def nested(levels: int) -> str:
-    """Return YAML lists, each of which names the one before nine times: 9 ** levels."""
-    lines = ['robot: x', 'l0: &l0 [1, 1]']
-    lines += [f'l{i}: &l{i} [{", ".join([f"*l{i - 1}"] * 9)}]' for i in range(1, levels)]
-    return '\n'.join([*lines, f'joints: *l{levels - 1}'])
-
-
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
-        (nested(20), 'more than 30000 nodes, aliases expanded'),
         ('joints: ' + '[' * 1000 + ']' * 1000 + '\n', 'is nested too deep'),
         ('joints: &a [*a]\n', 'recursive node'),
-        ('joints: [' + '1, ' * 30_000 + ']\n', 'more than 30000 nodes'),
         ('#' * 1_000_000 + '\n', 'has 1000001 characters'),
         ('robot: x\njoints: !!python/name:os.system x\n', "joints of 'x' must be a list, got 'x'"),
         ('joints: 1\n? [a]\n: b\n', 'unhashable key'),

@@ -243,6 +243,12 @@ UNREAD = [
     ('<joint name="j1"', '<joint name="j1" axis="0 1 0"', 'axis='),
     ('<link name="turret">', '<link name="turret" mass="3">', 'mass='),
     ('<mass value="4.0"/>', '<mass value="4.0"><unit>g</unit></mass>', '<unit>'),
+    # What acts on joints, or closes a loop.
+    ('</robot>', '<loop_joint name="l" type="revolute"/></robot>', '<loop_joint>'),
+    *(
+        ('</robot>', f'<gazebo reference="j1"><{tag}>2</{tag}></gazebo></robot>', f'<{tag}>')
+        for tag in ('springStiffness', 'springReference')
+    ),
 ]
 
 
@@ -446,7 +452,6 @@ NAMED = """
     </inertial>
     <visual name="v"><geometry><box size="1 1 1"/></geometry></visual>
     <collision><origin xzy="0 0 0"/></collision>
-    <drake:inertials/>
   </link>
   <joint name="shoulder" type="revolute">
     <origin xyz="0 0 0" rpy="0 0 0"/>
@@ -466,7 +471,7 @@ NAMED = """
 """
 
 
-def test_names_of_other_tools_are_no_misspelt_ones() -> None:
+def test_elements_of_other_tools_are_not_named() -> None:
     assert pfd.load_robot(NAMED).friction.tolist() == [0.5]
 
 
@@ -591,7 +596,7 @@ def test_a_joint_with_crossed_ends_may_be_locked_anywhere() -> None:
     assert pfd.load_robot(text, locked={'j1': 3.0}).n == pfd.load_robot(ODD_ARM).n - 1
 
 
-def test_misspelt_names_are_named_in_one_warning_at_the_line_that_loads() -> None:
+def test_names_that_are_not_read_are_named_in_one_warning_at_the_line_that_loads() -> None:
     text = NAMED.replace(' friction=', ' Friction=').replace('transmission', 'transmision')
     with pytest.warns(pfd.PhysicsWarning) as found:
         pfd.load_robot(text.replace('xyz="0 0 1"', 'xzy="0 0 1"'))

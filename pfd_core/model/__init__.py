@@ -7,12 +7,11 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     yaml_files          YAML text -> dict, list and str, bounded; robots as YAML
     packages            folders of ROS packages: installed, or by their package.xml in a checkout
     described           robots by name whose links are in another package, with our numbers
-    apart               programs that make a URDF of a file, in another process with a bound
+    apart               programs that make a URDF of a file, in another process
     xacro_files         such a program: the package xacro, with its arguments
     mjcf                such a program: the package mujoco, of models of MuJoCo
     urdf                URDF string -> Urdf, the one record for all readers; by
-    urdf_xml            its XML, bounded in size, with lines for errors, and
-    urdf_rotors         the inertia of rotors in its transmissions
+    urdf_xml            its XML, bounded in size, with lines for errors, and what is read of it
     urdf_chain          the joints of a URDF that move, in a chain, and those that are locked
     urdf_robot          the links that each of them carries, welded, as a Robot
     urdf_writer         robots as URDF

@@ -25,7 +25,7 @@ import numpy as np
 
 from pfd_core.model.apart import answer_of
 from pfd_core.model.robot import warn
-from pfd_core.model.urdf import EQUALITY, LARGEST_LIMIT
+from pfd_core.model.urdf import LARGEST_LIMIT
 from pfd_core.model.urdf_writer import (
     add_connection,
     add_link,
@@ -33,6 +33,7 @@ from pfd_core.model.urdf_writer import (
     all_written,
     written,
 )
+from pfd_core.model.urdf_xml import EQUALITY
 from pfd_core.model.values import Array, quote, quote_all, unused
 
 GRAVITY = (0.0, 0.0, -9.81)

@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.ma import MaskedArray
 from numpy.typing import ArrayLike
 
 from pfd_core.model.effects import EFFECTS, ESTIMATED, FIELDS, INPUT, MODEL, ByJoint
@@ -29,6 +28,7 @@ from pfd_core.model.values import (
     Array,
     choice,
     fit_shape,
+    is_masked,
     number_from_text,
     quote,
     real_array,
@@ -343,7 +343,7 @@ def _all_free(shape: tuple[int, ...], dtype: str) -> Array:
 def _braked(value: ArrayLike) -> Array:
     """Return an array of bool; ValueError for numbers, as 1 could mean a joint that moves."""
     try:
-        array = np.asarray(None if isinstance(value, MaskedArray) else value)
+        array = np.asarray(None if is_masked(value) else value)
     except (TypeError, ValueError, RuntimeError):
         array = np.asarray(None)
     if array.dtype != bool:

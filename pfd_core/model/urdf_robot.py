@@ -50,7 +50,6 @@ from pfd_core.model.values import (
     Array,
     listed,
     quote,
-    quote_all,
     real_number,
 )
 
@@ -70,8 +69,6 @@ def robot_from_urdf(
 ) -> Robot:
     """Return the chain between two links of a URDF; arguments, errors, warnings: `load_robot`."""
     slack = real_number('right_angle', right_angle, largest=LARGEST)
-    if urdf.misspelt:
-        warn(f'{urdf.place}: not read, misspelt? {quote_all(urdf.misspelt)}')
     if urdf.unread:
         warn(f'{urdf.place}: not read: {listed(urdf.unread, comma="; ")}')
     urdf, written = _with_right_angles(urdf, slack), urdf

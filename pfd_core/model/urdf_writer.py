@@ -27,7 +27,8 @@ from pfd_core.model.robot import (
     stated,
     turned,
 )
-from pfd_core.model.urdf import INERTIA_KEYS, LARGEST_LIMIT, parse_urdf
+from pfd_core.model.urdf import LARGEST_LIMIT, parse_urdf
+from pfd_core.model.urdf_xml import INERTIA_KEYS
 from pfd_core.model.values import Array, quote, unused
 from pfd_core.model.yaml_files import ELEMENTS
 

@@ -73,8 +73,7 @@ from pfd_core.model.robot import (
 )
 from pfd_core.model.values import Array, number_from_text, quote, real_array, real_number, switch
 
-# Four hundred joints are stored in 26 000 nodes and 330 kB; PyYAML reads 20 000 nodes a second.
-MOST_NODES = 30_000
+# Four hundred joints are stored in 330 kB.
 MOST_CHARACTERS = 1_000_000
 
 # The words of YAML 1.2 for none, true and false.
@@ -101,14 +100,14 @@ def read_yaml(text: str, source: str) -> Any:
     Return the document of a YAML text, made of dict, list and str.
 
     Anchors, aliases and merge keys may be used. ValueError, which names the `source`, if it is no
-    YAML, has two equal keys or is too large with its aliases expanded.
+    YAML, has two equal keys or is too large. It is shared: of equal texts it is the same object.
     """
     if len(text) > MOST_CHARACTERS:
         raise ValueError(
             f'{quote(source)} has {len(text)} characters; a YAML file may have {MOST_CHARACTERS}'
         )
     try:
-        return _expanded(_parsed(text), [MOST_NODES])
+        return _parsed(text)
     except yaml.YAMLError as error:
         problem = getattr(error, 'problem', None) or getattr(error, 'reason', None) or 'unreadable'
         mark = getattr(error, 'problem_mark', None)
@@ -133,6 +132,11 @@ class _Loader(yaml.BaseLoader):  # type: ignore[misc]
             (twice, _), *_ = Counter(key.value for key, _ in node.value).most_common(1)
             problem = f'key {quote(twice)} occurs more than once'
             raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
+        others = found.pop('<<', [])
+        for other in others if isinstance(others, list) else [others]:
+            if not isinstance(other, dict):
+                raise yaml.MarkedYAMLError(problem=f'<< takes tables, got {quote(other)}')
+            found = other | found
         return found
 
 
@@ -140,24 +144,6 @@ class _Loader(yaml.BaseLoader):  # type: ignore[misc]
 def _parsed(text: str) -> Any:
     """Parse a document, the robot of many arms only once: that takes longer than all else."""
     return _Loader(text).get_single_data()
-
-
-def _expanded(value: Any, left: list[int]) -> Any:
-    """Return a copy without aliases and merge keys, of as many nodes as are left at most."""
-    left[0] -= 1
-    if left[0] < 0:
-        raise yaml.MarkedYAMLError(problem=f'more than {MOST_NODES} nodes, aliases expanded')
-    if isinstance(value, list):
-        return [_expanded(item, left) for item in value]
-    if not isinstance(value, dict):
-        return value
-    found = {key: _expanded(item, left) for key, item in value.items() if key != '<<'}
-    others = value.get('<<', [])
-    for other in others if isinstance(others, list) else [others]:
-        if not isinstance(other, dict):
-            raise yaml.MarkedYAMLError(problem=f'<< takes tables, got {quote(other)}')
-        found = _expanded(other, left) | found
-    return found
 
 
 def table(

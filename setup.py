@@ -54,7 +54,6 @@ setup(
         'pfd_core.config': ['*.yaml', 'robots/*'],
         'pfd_core': ['py.typed'],
         'pfd_ros': ['py.typed'],
-        'pfd_ros.arm': ['*.yaml'],
         'pfd_ros.page': ['assets/*'],
         'pfd_ros.starter': ['templates/**/*.in'],
         'pfd_ros.testing': ['*.xml'],

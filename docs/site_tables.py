@@ -15,12 +15,14 @@ from pathlib import Path
 import re
 from typing import Any
 
+import yaml
+
 import pfd_core as pfd
 from pfd_core.dynamics.methods import FORWARD
 from pfd_core.dynamics.quantities import EVERYTHING, QUANTITIES, UNBRAKED
 import pfd_ros
 from pfd_ros import testing
-from pfd_ros.arm.conventions import CONVENTIONS, Behaviour, behaviours, documents
+from pfd_ros.arm.conventions import CONVENTIONS
 from pfd_ros.arm.events import ROLES
 from pfd_ros.arm.plant_settings import SCALES
 from pfd_ros.arm.setting_fields import Row
@@ -126,26 +128,29 @@ def _parameters() -> str:
 # Conventions.
 
 
-def _behaviour(row: Behaviour) -> tuple[str, ...]:
+def _behaviour(convention: str, row: dict[str, Any]) -> tuple[str, ...]:
     """Return a behaviour, what the arm does, and the source."""
     names = {field.field: field.name for field in FIELDS}
-    given = [f'{names[x]}: {json.dumps(v).strip(QUOTE)}' for x, v in row.values.items()]
-    given += [f'{names[x]}: {json.dumps(v)}' for x, v in row.numbers.items()]
-    here = ', '.join([*(f'**{code(x)}**' for x in given), *([row.here] if row.here else [])])
-    if row.missing is not None:
-        here = f'*missing*{": " * bool(row.missing)}{row.missing}'
-    return f'{row.name}: {cell(row.text)}', here, cell(row.source)
+    defaults = {**CONVENTIONS[convention].values, **CONVENTIONS[convention].numbers}
+    given = [
+        f'{names[x]}: {json.dumps(defaults[x]).strip(QUOTE)}' for x in row.get('settings', ())
+    ]
+    here = ', '.join([*(f'**{code(x)}**' for x in given), *filter(None, [row.get('here')])])
+    if 'missing' in row:
+        here = f'*missing*{": " * bool(row["missing"])}{row["missing"]}'
+    return f'{row["name"]}: {cell(row["text"])}', here, cell(row['source'])
 
 
 def _conventions() -> str:
     """Return the behaviours of each convention, and the documents."""
+    found = yaml.safe_load(Path(__file__).with_name('conventions.yaml').read_text('utf-8'))
+    rows = [(key, cell(title)) for key, title in found.pop('documents').items()]
     parts = [
         f'## {code(name)}\n\n'
-        + table(('documented', 'here', 'source'), map(_behaviour, behaviours(name)))
+        + table(('documented', 'here', 'source'), map(partial(_behaviour, name), found[name]))
         for name in CONVENTIONS
-        if behaviours(name)
+        if name in found
     ]
-    rows = ((key, cell(title)) for key, title in documents().items())
     return '\n'.join([*parts, '## Documents\n\n' + table(('source', 'document'), rows)])
 
 

@@ -39,8 +39,8 @@ To change or add
                             separate publisher, as in node.lifecycle
     frames of the links     arm.frames: /tf of recordings
     a parameter             a field of arm.settings.Settings, a line of config/sim_arm.yaml
-    a vendor's behaviour    a row of arm/conventions.yaml and a test of its name in
-                            test/ros/test_conventions.py
+    a vendor's behaviour    a row of docs/conventions.yaml, its defaults in arm.conventions, and a
+                            test of its name in test/ros/test_conventions.py
     NaN in a command        arm.commands.named: some keep the last value, with the remark some_nan;
                             all are refused as all_nan, or before a first command quietly as
                             unclaimed, which /diagnostics alone counts. arm.commands.array and

@@ -408,7 +408,6 @@ PARTS = (
     'pfd_core/config/robots/puma560.yaml',
     'pfd_core/config/sim_arm.yaml',
     'pfd_ros/node/main.py',
-    'pfd_ros/arm/conventions.yaml',
     'pfd_ros/testing/loopback.xml',
     *(str(path.relative_to(ROOT)) for path in TEMPLATES.rglob('*.in')),
     *(f'pfd_ros/page/assets/{path.name}' for path in (ROOT / 'pfd_ros/page/assets').iterdir()),

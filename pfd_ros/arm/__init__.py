@@ -5,7 +5,7 @@
     messages, verdicts = engine.step(events)
 
     events          messages by role, the one table of roles, and the verdicts about inputs
-    conventions     torque control as vendors document it: a table, and defaults of settings
+    conventions     torque control as vendors document it: defaults of settings
     setting_fields  the fields of settings: description, range, reading
     plant_settings  settings of the simulated plant, derived from the effects of the joints
     settings        everything that is not an event: robot, scene, rates, outputs, sensors

@@ -95,7 +95,7 @@ class CommandSettings:
     convention: str = setting(
         PLAIN,
         'Torque control as documented by a vendor: other defaults, and efforts without gravity',
-        values=CONVENTIONS,
+        values=tuple(CONVENTIONS),
     )
     viscous_scale: tuple[float, ...] = _scale('viscous_scale', 'damping')
     coulomb_scale: tuple[float, ...] = _scale('coulomb_scale', 'friction')

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, TypeVar
 
 from arm_messages import (
@@ -26,11 +27,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from recordings import simulate
+import yaml
 
 import pfd_core as pfd
 from pfd_ros import read_log
-from pfd_ros.arm.conventions import CONVENTIONS, behaviours
-from pfd_ros.arm.conventions import documents as convention_documents
+from pfd_ros.arm.conventions import CONVENTIONS
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Message as ArmMessage
 from pfd_ros.arm.settings import FIELDS as SETTING_ROWS
@@ -42,7 +43,9 @@ from pfd_ros.replay.verify import verify as verify_log
 from pfd_ros.replay.what_if import what_if
 from pfd_ros.testing import LockstepArm, recorded
 
-BEHAVIOURS = {(name, row.name): row for name in CONVENTIONS for row in behaviours(name)}
+TABLE = yaml.safe_load((Path(__file__).parents[2] / 'docs/conventions.yaml').read_text('utf-8'))
+ROBOTS = {'ur': 'ur5', 'franka': 'panda'}
+BEHAVIOURS = {(name, row['name']): row for name in ROBOTS for row in TABLE[name]}
 FIELDS = {row.field: row for row in SETTING_ROWS}
 # Poses of the arm of a convention, inside of its limits.
 POSES = {
@@ -52,7 +55,6 @@ POSES = {
         (1.0, 1.5, -2.0, -0.5, 2.0, 3.0, 0.0),
     ],
 }
-ROBOTS = {'ur': 'ur5', 'franka': 'panda'}
 # An arm of two joints, which is compiled in a fraction of the time, with scales of its own.
 SMALL: dict[str, dict[str, Any]] = {
     name: {
@@ -130,7 +132,7 @@ def joint(engine: Engine, place: int, value: float) -> list[float]:
 
 
 def test_each_behaviour_that_is_not_missing_has_a_test():
-    wanted = [key for key, row in BEHAVIOURS.items() if row.missing is None]
+    wanted = [key for key, row in BEHAVIOURS.items() if 'missing' not in row]
     assert sorted(covered) == sorted(wanted)
     assert len(wanted) >= 30
 
@@ -138,13 +140,17 @@ def test_each_behaviour_that_is_not_missing_has_a_test():
 @pytest.mark.parametrize(('convention', 'name'), BEHAVIOURS)
 def test_a_behaviour_names_its_document_and_settings_that_exist(convention, name):
     row = BEHAVIOURS[convention, name]
-    document, colon, place = row.source.partition(': ')
-    assert document in convention_documents()
-    assert all((colon, place, row.text))
-    if row.missing is not None:
-        assert not any((row.here, row.values, row.numbers, row.errors))
-        return
-    assert row.here or row.values
+    document, colon, place = row['source'].partition(': ')
+    assert document in TABLE['documents']
+    assert all((colon, place, row['text']))
+    assert ('missing' in row) != ('here' in row or 'settings' in row)
+
+
+@pytest.mark.parametrize('convention', ROBOTS)
+def test_each_default_of_a_convention_is_a_setting_that_one_behaviour_names(convention):
+    row = CONVENTIONS[convention]
+    told = [name for behaviour in TABLE[convention] for name in behaviour.get('settings', ())]
+    assert sorted(told) == sorted([*row.values, *row.numbers])
     for field, value in row.values.items():
         assert type(value) is type(FIELDS[field].default), field
         assert not FIELDS[field].per_joint
@@ -158,7 +164,7 @@ def test_a_behaviour_names_its_document_and_settings_that_exist(convention, name
 @pytest.mark.parametrize('convention', ROBOTS)
 def test_a_convention_gives_defaults_and_what_is_given_has_precedence(convention):
     found = Settings.from_values({'convention': convention})
-    values = {k: v for row in behaviours(convention) for k, v in row.values.items()}
+    values = CONVENTIONS[convention].values
     assert {name: getattr(found, name) for name in values} == values
     given = {'convention': convention, 'command_timeout': 0.0, 'step_size': 0.004}
     found = Settings.from_values(given)
@@ -549,7 +555,7 @@ def test_a_recording_of_a_convention_verifies_and_another_one_is_a_what_if(conve
     assert verify_log(path).cycles == 90
     found = what_if(path, ['convention=plain'], out=tmp_path / 'plain.mcap').settings
     plain = Settings()
-    for name in (x for row in behaviours(convention) for x in row.values):
+    for name in CONVENTIONS[convention].values:
         # What was given is kept, unless it is the value of the convention.
         kept = name == 'state_effort' and convention == 'ur'
         assert getattr(found, name) == ('torque' if kept else getattr(plain, name))

@@ -287,34 +287,36 @@ def test_what_is_no_controller_is_one_line_and_writes_nothing(
     assert not Path('a_what_if.mcap').exists()
 
 
-# Kind of node, fault -> status, and the line FAILED.
+# Kind of node, fault -> status, the line FAILED, and the cycles before the node began.
 NODES = {
-    ('timer', ''): (0, ''),
-    ('states', 'dies'): (1, 'ended by SIGSEGV at t = 0.021 s, after 20 answers'),
-    ('states', 'nan'): (1, "not_finite: effort of joint 'elbow_joint' is nan"),
+    ('timer', ''): (0, '', 0),
+    ('states', 'dies'): (1, 'ended by SIGSEGV at t = 0.031 s, after 20 answers', 10),
+    ('states', 'nan'): (1, "not_finite: effort of joint 'elbow_joint' is nan", 10),
 }
 
 
 @pytest.mark.parametrize(('kind', 'fault'), NODES)
-def test_an_unchanged_node_in_another_process_has_the_bits_of_its_log(
+def test_an_unchanged_node_in_another_process_begins_as_it_did_and_has_the_bits_of_its_log(
     kind, fault, ros_domain, monkeypatch
 ):
+    status, said, idle = NODES[kind, fault]
     for name in ('PATIENCE_SECONDS', 'START_PATIENCE_SECONDS'):
         monkeypatch.setattr(f'pfd_ros.testing.again.{name}', PATIENCE)
     node = node_of(kind)
     with LockstepArm('ur5', armature=True, recording='a.mcap') as arm:
+        while arm.engine.state.cycle < idle:
+            arm.step()
         arm.spin(0.1, node)
     node.destroy_node()
     words = shlex.join([sys.executable, str(CONTROLLERS), kind, *filter(None, [fault])])
-    status, said = NODES[kind, fault]
     found = command('replay', 'a.mcap', '--what-if', '--process', words)
     assert found[0] == status, found
     assert said in found[1] if said else 'FAILED' not in found[1]
     assert verify_log('a_what_if.mcap').complete
     new, old = states_of('a_what_if.mcap'), states_of('a.mcap')
-    assert len(old) == 100
-    assert len(new) == (21 if fault == 'nan' else 20 if fault else 100)
-    assert new[:20] == old[:20]
+    assert len(old) == idle + 100
+    assert len(new) == idle + (21 if fault == 'nan' else 20 if fault else 100)
+    assert new[: idle + 20] == old[: idle + 20]
     assert fault or new == old
 
 

@@ -169,6 +169,28 @@ def test_the_least_recently_used_entries_are_removed_first_and_nothing_else(
     assert {path.stem for path in folder.iterdir()} == {'notes', names[0], names[3], names[4]}
 
 
+def test_what_is_made_after_an_edit_of_the_source_is_not_kept(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[str] = []
+
+    def make() -> tuple[dict[str, Any], bytes]:
+        made.append('x')
+        return {}, b''
+
+    edited = tmp_path / 'edited'
+    shutil.copytree(cache.PACKAGE, edited, ignore=shutil.ignore_patterns('*.pyc'))
+    with monkeypatch.context() as patch:
+        patch.setattr(cache, 'PACKAGE', edited)
+        patch.setattr(cache, 'FILES', cache._files())
+        assert cache.kept(('before',), make) == cache.kept(('before',), make)
+        assert len(made) == 1
+        (edited / 'kernels' / 'cache.py').touch()
+        for _ in range(2):
+            cache.kept(('after',), make)
+    assert len(made) == 3
+
+
 def start_child(robot: str) -> subprocess.Popen[str]:
     path = os.pathsep.join([str(ROOT), str(ROOT / 'test')])
     environment = {**os.environ, 'PYTHONPATH': path}

@@ -8,8 +8,8 @@ Results on disk, each under a digest of everything that determines it.
 The folder is `pfd_ros` in the user's cache folder (XDG_CACHE_HOME, or ~/.cache). The environment
 variable PFD_CACHE names another one, or, if empty, disables the cache. Native code from disk is
 run, so the folder must belong to the user (or root) and must not be writable by others. A file is
-moved there whole, so that several processes may write at once. Above LIMIT bytes the least
-recently used files are removed.
+moved there whole, so that several processes may write at once. Above LIMIT bytes (and 1/256 of it
+for each process that writes) the least recently used files are removed.
 """
 
 from __future__ import annotations
@@ -35,6 +35,8 @@ CHECKSUM = hashlib.sha256().digest_size
 PACKAGE = Path(__file__).parents[1]
 
 LOG = logging.getLogger('pfd_core')
+# Bytes that this process has written since it last looked for files to remove.
+_unchecked = LIMIT
 
 
 def kept(
@@ -56,7 +58,7 @@ def kept(
         made, payload = make()
         entry = json.dumps(made).encode() + b'\0' + payload
         # Modules are imported at their first use: one of them may be of a later edit.
-        if _source() == SOURCE:
+        if _files() == FILES:
             write(name, entry)
     head, _, payload = entry.partition(b'\0')
     return json.loads(head), payload
@@ -106,6 +108,7 @@ def read(name: str) -> bytes | None:
 
 def write(name: str, payload: bytes) -> None:
     """Write some bytes under a name; warn if that is impossible."""
+    global _unchecked
     where = folder()
     if where is None:
         return
@@ -120,7 +123,10 @@ def write(name: str, payload: bytes) -> None:
             os.replace(unfinished, where / f'{name}{SUFFIX}')
         finally:
             unfinished.unlink(missing_ok=True)
-        _evict(where)
+        _unchecked += len(payload)
+        if _unchecked > LIMIT // 256:  # to look at each file takes longer than to write one
+            _unchecked = 0
+            _evict(where)
     except OSError as error:
         _warn(
             f'compiled kernels cannot be kept in {str(where)!r} ({error.strerror}), so each '
@@ -149,17 +155,19 @@ def _ours(where: Path) -> bool:
 def _evict(where: Path) -> None:
     """Remove the least recently used files, once a folder holds more than the limit."""
     files = []
-    for path in where.glob(f'*{SUFFIX}'):
-        with suppress(OSError):  # another process may have removed it
-            state = path.stat()
-            files.append((state.st_mtime_ns, state.st_size, path))
+    with os.scandir(where) as entries:
+        for entry in entries:
+            with suppress(OSError):  # another process may have removed it
+                if entry.name.endswith(SUFFIX):
+                    state = entry.stat()
+                    files.append((state.st_mtime_ns, state.st_size, entry.path))
     total = sum(size for _, size, _ in files)
     # Down to less than the limit, so that files need not be removed again at once.
     least = LIMIT * 3 // 4 if total > LIMIT else total
     for _, size, path in sorted(files):
         with suppress(OSError):
             if total > least:
-                path.unlink()
+                os.unlink(path)
                 total -= size
 
 
@@ -169,17 +177,26 @@ def _warn(text: str) -> None:
     LOG.warning('%s', text)
 
 
+def _files() -> list[tuple[str, int, int]]:
+    """Return path, time of the last change and size of each source file; none if one has gone."""
+    paths = (os.path.join(where, name) for where, _, names in os.walk(PACKAGE) for name in names)
+    with suppress(OSError):
+        states = ((path, os.stat(path)) for path in paths if path.endswith('.py'))
+        return sorted((path, state.st_mtime_ns, state.st_size) for path, state in states)
+    return []
+
+
 def _source() -> str | None:
     """Return the digest of the source files of this package; None if they cannot be read."""
     found = hashlib.sha256()
     with suppress(OSError):
-        paths = sorted(PACKAGE.rglob('*.py'))
-        for path in paths:
-            data = path.read_bytes()
-            found.update(f'{path.relative_to(PACKAGE)} {len(data)} '.encode() + data)
-        return found.hexdigest() if paths else None
+        for path, _, _ in FILES:
+            data = Path(path).read_bytes()
+            found.update(f'{path.removeprefix(str(PACKAGE))} {len(data)} '.encode() + data)
+        return found.hexdigest() if FILES else None
     return None
 
 
-# At once, because source files may be edited while this process runs.
+# At once, because source files may be edited while this process runs, or while they are read.
+FILES = _files()
 SOURCE = _source()

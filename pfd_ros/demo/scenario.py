@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 import pfd_core as pfd
 
@@ -69,7 +69,7 @@ def motion_of(robot: pfd.Robot, seconds: float) -> Motion:
 
 
 def efforts(
-    robot: pfd.Robot, motion: Motion, t: float, q: ArrayLike, qd: ArrayLike
+    robot: pfd.Robot, motion: Motion, t: float, q: NDArray[Any], qd: NDArray[Any]
 ) -> NDArray[Any]:
     """Return the efforts at time t in s of the motion, (n,) in N m or N."""
     wanted, wanted_qd, wanted_qdd = motion.at(t)

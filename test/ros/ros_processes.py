@@ -10,6 +10,7 @@ import ctypes
 from dataclasses import dataclass
 from importlib import import_module
 import importlib.util
+import inspect
 import itertools
 import multiprocessing
 import os
@@ -445,3 +446,7 @@ def _run(job: Job) -> None:
     for name, value in job.replaced.items():
         put(name, value)
     sys.exit(import_module(job.module).main(list(job.args)))
+
+
+# rclpy looks for the module that logs a line; for the first line it looks at every module.
+inspect.getmodule(_run.__code__.replace(co_filename='of no module'))

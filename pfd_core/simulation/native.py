@@ -79,7 +79,7 @@ def step_code(
     if not dry.has_contact(plant):
         segment = Segment(plant, tableau, h, compensated)
         # Torques of motors without a lag beside others with one jump between two steps.
-        jumps = plant.motor_lag is not None and not plant.motor_lag.all()
+        jumps = segment.lags and not all(segment.lag)
         shared = tableau.shared and not jumps
         return StepCode(
             plant,

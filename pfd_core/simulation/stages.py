@@ -16,7 +16,9 @@ whole step the exponentials are constants, rounded correctly. For other lengths 
     exp(-z) = (1 - z/3) / (1 + 2 z/3 + z^2/6),   z = t/T
 
 of third order, which falls to zero with z, so that the lag is stable for any T (Hairer and Wanner,
-Solving Ordinary Differential Equations II, 2nd ed., IV.3).
+Solving Ordinary Differential Equations II, 2nd ed., IV.3). The first stage, of weight b0, takes
+the torque before the step for that of a part |b0| of the step: a T of less than half of this part
+is closer to none.
 
 Compensated positions are sums q + q_low, whose second part holds the digits below q:
 q' = fl(q + y) with y = fl(dq + q_low), and q_low' = (q + y) - q' exactly (D. E. Knuth, The Art of
@@ -95,6 +97,13 @@ class Segment:
     def lags(self) -> bool:
         """Whether motors follow the command with a lag."""
         return self.plant.motor_lag is not None
+
+    @property
+    def lag(self) -> list[float]:
+        """Time constants of motors with a lag [s], 0 where none is closer to it."""
+        least = 0.5 * abs(self.tableau.b[0]) * self.h
+        assert self.plant.motor_lag is not None
+        return [x if x >= least else 0.0 for x in self.plant.motor_lag.tolist()]
 
     @property
     def tau(self) -> tuple[str, str, str]:
@@ -218,10 +227,8 @@ class _Writer:
     def torques(self, part: float) -> Row:
         """Return the torques of lagging motors after a part of the segment."""
         command, motor = self.read('tau'), self.read(MOTOR_TORQUE)
-        lag, h = self._segment.plant.motor_lag, self._segment.h
-        assert lag is not None
-        result = []
-        for u, tau, T in zip(command, motor, lag.tolist(), strict=True):
+        h, result = self._segment.h, []
+        for u, tau, T in zip(command, motor, self._segment.lag, strict=True):
             end = u + decayed(part * h, T) * (tau - u) if T and part else tau if T else u
             if part and T and self._segment.load is not None:
                 z = self.r * (part / T)

@@ -260,7 +260,7 @@ def _facts(run: Recorded) -> Iterator[tuple[str, str]]:
 
 def _origin(run: Recorded) -> str:
     if not run.origin_ns:
-        return 'simulated time'
+        return 'simulated time' if run.settings else 'times as stamped'
     return f't = 0 is {date_of(run.origin_ns)}'
 
 

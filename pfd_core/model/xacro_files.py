@@ -23,7 +23,7 @@ from pfd_core.model.apart import answer_of
 from pfd_core.model.packages import find_package
 from pfd_core.model.values import listed, quote, quote_all
 
-GIVE = "give others by xacro={'NAME': VALUE}, or `pfd sim --robot FILE NAME:=VALUE`"
+GIVE = "give others by xacro={'NAME': VALUE}, or `pfd urdf FILE NAME:=VALUE --out arm.urdf`"
 # Characters of a reason, and of an argument with its value; arguments in a list.
 LONGEST_REASON, LONGEST_ARGUMENT, MOST_LISTED = 2000, 32, 8
 
@@ -139,8 +139,8 @@ def answer(path: str, given: str) -> None:
         if isinstance(cause, no_value):
             name, default = str(cause), arguments.known.get(str(cause)) or 'VALUE'
             reason = (
-                f'argument {quote(name)} has no value where it is read; give it by '
-                f'xacro={{{name!r}: {default!r}}}, or `pfd sim --robot FILE {name}:={default}`'
+                f'argument {quote(name)} has no value where it is read; give it by xacro='
+                f'{{{name!r}: {default!r}}}, or `pfd urdf FILE {name}:={default} --out arm.urdf`'
             )
         lost = isinstance(cause, FileNotFoundError) and str(cause.filename)
         if lost and any(lost.startswith(source) for source in sources):

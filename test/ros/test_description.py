@@ -370,7 +370,7 @@ def test_arguments_of_a_xacro_file_are_settings_of_the_arm(tmp_path):
     path.write_text(re.sub('<robot[^>]*>', head, pfd.urdf_of('planar2')))
     for words, message in (
         (('name:arm',), "'name:arm' is no argument of a .xacro file, expected name:=value"),
-        ((), "argument 'name' has no value .*`pfd sim --robot FILE name:=VALUE`"),
+        ((), "argument 'name' has no value .*`pfd urdf FILE name:=VALUE --out"),
         (('name:=arm', 'size:=2'), "has no argument 'size'; its arguments are .*'mass:=1'"),
     ):
         with pytest.raises(ValueError, match=message):

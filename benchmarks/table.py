@@ -132,7 +132,7 @@ def stored_text(name: str) -> str:
 
 def stored_table(name: str) -> Any:
     """Return the content of benchmarks/data/NAME.yaml."""
-    return yaml.safe_load(stored_text(f'{name}.yaml'))
+    return yaml.load(stored_text(f'{name}.yaml'), yaml.CSafeLoader)
 
 
 def write_text(folder: Path, name: str, text: str) -> Path:

@@ -11,6 +11,7 @@ import pytest
 from zoo import random_chain
 
 import pfd_core as pfd
+from pfd_core.paper.networks import by_section as counted
 
 # Lengths around powers of two, where a level is added, and between.
 LENGTHS = (*range(1, 10), 12, 15, 16, 17, 24, 31, 32)
@@ -51,18 +52,14 @@ Counts = tuple[int, int, int, int]
 
 def by_section(program: pfd.Program) -> dict[str, Counts]:
     """Return the arithmetic of each section that has any."""
-    counts = {section: arithmetic(steps) for section, steps in _sections(program)}
+    counts = {section: arithmetic(steps) for section, steps in counted(program).items()}
     return {section: row for section, row in counts.items() if any(row)}
 
 
 def routes_by_section(program: pfd.Program) -> dict[str, int]:
     """Return the routes of each section that has any."""
-    return {section: steps.routes for section, steps in _sections(program) if steps.routes}
-
-
-def _sections(program: pfd.Program) -> list[tuple[str, pfd.Steps]]:
-    names = dict.fromkeys(one.section for one in program.instructions)
-    return [(name, program.count(section=name)) for name in names]
+    found = counted(program).items()
+    return {section: steps.routes for section, steps in found if steps.routes}
 
 
 def arithmetic(steps: pfd.Steps) -> Counts:

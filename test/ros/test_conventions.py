@@ -43,7 +43,9 @@ from pfd_ros.replay.verify import verify as verify_log
 from pfd_ros.replay.what_if import what_if
 from pfd_ros.testing import LockstepArm, recorded
 
-TABLE = yaml.safe_load((Path(__file__).parents[2] / 'docs/conventions.yaml').read_text('utf-8'))
+TABLE = yaml.load(
+    (Path(__file__).parents[2] / 'docs/conventions.yaml').read_bytes(), yaml.CSafeLoader
+)
 ROBOTS = {'ur': 'ur5', 'franka': 'panda'}
 BEHAVIOURS = {(name, row['name']): row for name in ROBOTS for row in TABLE[name]}
 FIELDS = {row.field: row for row in SETTING_ROWS}

@@ -60,7 +60,7 @@ def flat(tree: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]
 
 def test_the_shipped_file_holds_every_setting_at_its_default():
     text = CONFIG.read_text(encoding='utf-8')
-    shipped = dict(flat(yaml.safe_load(text)['/**']['ros__parameters']))
+    shipped = dict(flat(yaml.load(text, yaml.CSafeLoader)['/**']['ros__parameters']))
     # Groups with a number for each joint have the names of its joints.
     names = {row.name: row.field for row in SETTING_ROWS if not row.per_joint}
     assert set(shipped) == set(names)

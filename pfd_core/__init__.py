@@ -23,7 +23,7 @@ To change or add
                             acts over a step, as load_friction: also in dry.Law.loaded, and
                             model.plant._without_compensated_gravity
     rotor inertia           config/robots/*.yaml, read by model.yaml_files (_losses); of a URDF by
-                            model.urdf_xml; estimated by model.rotors; acts with
+                            model.urdf_xml; estimated by model.limits; acts with
                             Scene(armature=...)
     an equation             paper maps each equation to its function; paper.editions lists the
                             misprints
@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from pfd_core.kernels.kernel import Kernel
     from pfd_core.machine.program import Program, Steps
     from pfd_core.model.effects import EFFECTS
+    from pfd_core.model.limits import estimated_armature, reflected_inertia, start_positions
     from pfd_core.model.loading import (
         find_description,
         known_robots,
@@ -66,9 +67,7 @@ if TYPE_CHECKING:
     from pfd_core.model.locking import lock
     from pfd_core.model.packages import find_package
     from pfd_core.model.robot import Frame, Payload, PhysicsWarning, Robot, with_payload
-    from pfd_core.model.rotors import estimated_armature, reflected_inertia
     from pfd_core.model.scene import Scene, scene_to_yaml
-    from pfd_core.model.stops import start_positions
     from pfd_core.model.urdf import Urdf
     from pfd_core.model.urdf_chain import TreeError
     from pfd_core.model.urdf_writer import robot_to_urdf
@@ -150,12 +149,11 @@ _NAMES = {
     'model.loading': (
         'find_description known_robots load_robot load_scene locked_joints read_urdf urdf_of'
     ),
+    'model.limits': 'estimated_armature reflected_inertia start_positions',
     'model.locking': 'lock',
     'model.packages': 'find_package',
     'model.robot': 'Frame Payload PhysicsWarning Robot with_payload',
-    'model.rotors': 'estimated_armature reflected_inertia',
     'model.scene': 'Scene scene_to_yaml',
-    'model.stops': 'start_positions',
     'model.urdf_chain': 'TreeError',
     'model.urdf': 'Urdf',
     'model.urdf_writer': 'robot_to_urdf',

@@ -105,10 +105,7 @@ def test_a_file_is_read_in_the_encoding_that_it_declares(
     [
         ('utf-8', r"arm\.urdf', line 2: 'utf-8' codec can't decode byte 0xe0"),
         ('GB2312', r"arm\.urdf', line 2: 'gb2312' codec can't decode"),
-        *(
-            (name, f', line 1: unknown encoding: {name}')
-            for name in ('klingon', 'punycode', 'utf-7')
-        ),
+        *((name, f', line 1: unknown encoding: {name}') for name in ('klingon',)),
         ('base64', "'base64' is not a text encoding"),
     ],
 )
@@ -195,10 +192,8 @@ def test_the_content_of_a_file_decides_what_it_is(
 @pytest.mark.parametrize(
     ('text', 'words'),
     [
-        ('<?xml version="1.0"?>\n<sdf version="1.9"/>', 'SDF'),
-        ('<!DOCTYPE html>\n<HTML lang="en"></HTML>', 'HTML'),
-        ('version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9', 'git lfs pull'),
-        (' \n', 'empty'),
+        ('<?xml version="1.0"?>\n<sdf version="1.9"/>', 'starts with <robot>, this with <sdf>'),
+        ('<!DOCTYPE html>\n<HTML lang="en"></HTML>', 'has no <!DOCTYPE>'),
         ('<!--' * 20_000, 'not well-formed XML'),
         ('<?a?>' * 20_000 + '<', 'not well-formed XML'),
     ],
@@ -213,12 +208,9 @@ def test_a_file_of_another_kind_is_named(tmp_path: Path, name: str, text: str, w
     assert name in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ('text', 'words'), [('<sdf version="1.9"/>', 'SDF'), (' <mujoco/>', 'MJCF.*give its path')]
-)
-def test_a_text_of_another_kind_is_named(text: str, words: str) -> None:
-    with pytest.raises(ValueError, match=f'the text is {words}'):
-        pfd.load_robot(text)
+def test_the_text_of_a_model_of_mujoco_is_refused_as_its_files_are_unknown() -> None:
+    with pytest.raises(ValueError, match='the text is MJCF'):
+        pfd.load_robot(' <mujoco/>')
 
 
 @pytest.mark.parametrize('name', ['arm.urdf', 'arm.xml', 'ARM.URDF'])

@@ -32,9 +32,9 @@ from zoo import (
 
 import pfd_core as pfd
 from pfd_core.machine.emulator import run as run_program
+from pfd_core.model.limits import SPIN_UP_TIME
 from pfd_core.model.plant import resolve as resolve_plant
 from pfd_core.model.robot import Frame
-from pfd_core.model.rotors import SPIN_UP_TIME
 
 SEEDS = range(2)
 CHAIN_OF_3 = random_chain(np.random.default_rng(0), 3)

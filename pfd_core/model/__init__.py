@@ -18,13 +18,12 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     geometry            rotations, frames and rigid bodies as arrays with exact zeros and ones
     robot               Robot: the chain in the frames of Lee and Chang, checked once; its frames,
                         joints that follow others, and a payload
+    limits              limits that mean none, the default start, states outside the stops, rotors
     locking             positions of locked joints; lock, a robot without them
-    rotors              rotors behind gears: their inertia at the joint
     effects             the table of effects: fields of a scene with units, checks and values of
                         a model; torques, energies, where they act
     scene               Scene: which effects are on; scenes as YAML
     plant               Plant: a scene and a robot as numbers; resolve, which makes it of both
-    stops               the default start of a robot; the states outside its stops
     values              numbers, names and arrays, checked, and as errors quote them
 
 URDF, xacro and MJCF are read by modules that `loading` imports at the first such file.

@@ -35,8 +35,8 @@ from typing import Any
 import numpy as np
 
 from pfd_core.forking import load
+from pfd_core.model.limits import estimated_armature
 from pfd_core.model.robot import LIMIT_FIELDS, Payload, Robot, unstated, warn
-from pfd_core.model.rotors import estimated_armature
 from pfd_core.model.values import (
     LARGEST,
     Array,

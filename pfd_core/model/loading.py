@@ -53,9 +53,6 @@ DECLARATION = re.compile(
     r"""\s*<\?xml\b[^<>]*?\bencoding\s*=\s*["'](?P<encoding>[A-Za-z][\w.-]*)["']""", re.ASCII
 )
 LONGEST_DECLARATION = 200
-# Encodings of Python that no file declares: they take long, or depend on the machine.
-NOT_OF_FILES = {'idna', 'mbcs', 'oem', 'punycode', 'undefined', 'utf-7'}
-NOT_OF_FILES |= {'unicode-escape', 'raw-unicode-escape'}
 URDF, XACRO, MJCF = 'urdf', 'xacro', 'mujoco'
 # A path has one of these, or a folder, or is there; any other word is a name of a robot.
 XML_SUFFIXES = {'.urdf', '.xml', '.xacro'}
@@ -65,14 +62,8 @@ BEFORE_ROOT = re.compile(r'\ufeff|\s*(?:<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>]*>)', 
 ROOT = re.compile(r'\s*<([\w.:-]+)')
 # A macro, or an expression in a file that declares its language.
 MACRO, LANGUAGE, EXPRESSION = re.compile(r'<\s*xacro:'), 'xmlns:xacro', re.compile(r'\$[({]')
-# What else is at hand under the name of a robot, by its first element, and the way to one.
-OTHER_KINDS = {
-    'sdf': 'SDF, which is not read: give the URDF that it was made from',
-    'html': 'an HTML page: download the file itself, not the page that shows it',
-}
 # Fields of a robot in YAML, whatever the suffix of its file.
 IS_YAML = re.compile(r'^(robot|joints|description)\s*:', re.MULTILINE)
-LFS = 'version https://git-lfs'
 
 
 class _Read(NamedTuple):
@@ -273,7 +264,7 @@ def _read(source: object, xacro: Mapping[str, object] | None) -> _Read:
             return _read_yaml(known.read_text('utf-8'), str(known), xacro)
         if source.lstrip().startswith('<'):
             _refuse_arguments(xacro)
-            if _root_of(source, 'the text') == MJCF:
+            if _root_of(source) == MJCF:
                 raise ValueError('the text is MJCF, whose files name others: give its path')
             return _Read(source, 'URDF text', URDF)
         if '\n' in source:
@@ -287,7 +278,7 @@ def _read(source: object, xacro: Mapping[str, object] | None) -> _Read:
             'give the path of a URDF, xacro, YAML or MJCF file'
         )
     text = _text('robot', path)
-    root = _root_of(text, quote(str(path)))
+    root = _root_of(text)
     if not root and path.suffix.lower() in XML_SUFFIXES and not IS_YAML.search(text):
         root = '<'  # the reader of XML says where it is none
     macros = MACRO.search(text) or (LANGUAGE in text and EXPRESSION.search(text))
@@ -323,22 +314,14 @@ def _refuse_arguments(xacro: Mapping[str, object] | None) -> None:
         )
 
 
-def _root_of(text: str, label: str) -> str:
-    """Return the first element of an XML, '' for other text; ValueError for no robot's file."""
+def _root_of(text: str) -> str:
+    """Return the first element of an XML, '' for other text."""
     at = 0
     while before := BEFORE_ROOT.match(text, at):
         at = before.end()
     root = ROOT.match(text, at)
-    name = root[1] if root else ''
-    found = OTHER_KINDS.get(name.lower(), '')
-    if not text.strip():
-        found = 'empty'
-    elif text.startswith(LFS):
-        found = 'a pointer of Git LFS: get the file itself, such as by `git lfs pull`'
-    if found:
-        raise ValueError(f'{label} is {found}')
     # Text that starts so is XML, whatever it is; its reader says what is wrong.
-    return name or ('<' if text.lstrip().startswith('<') else '')
+    return root[1] if root else '<' if text.lstrip().startswith('<') else ''
 
 
 def _path(source: object, expected: str) -> Path:
@@ -387,8 +370,6 @@ def decoded(content: bytes) -> str:
     declared = DECLARATION.match(content[:LONGEST_DECLARATION].decode('latin-1'))
     stated = declared['encoding'] if declared else 'utf-8'
     encoding = next((name for mark, name in MARKS.items() if content.startswith(mark)), stated)
-    if lookup(encoding).name in NOT_OF_FILES:
-        raise LookupError(f'unknown encoding: {encoding}')
     text = content.decode(encoding)
     declared = DECLARATION.match(text[:LONGEST_DECLARATION])
     if declared is None or lookup(declared['encoding']).name == 'utf-8':

@@ -46,7 +46,6 @@ from pfd_core.model.values import (
     digest_of,
     frozen,
     integer,
-    listed,
     quote,
     quote_all,
     real_array,
@@ -364,35 +363,6 @@ def from_stated(joints: Sequence[str], rows: Sequence[Mapping[str, float]]) -> d
         pairs = zip(joints, rows, strict=True)
         found['silent'][key] = [joint for joint, row in pairs if name not in row]
     return found
-
-
-def known_limits(numbers: Mapping[str, float]) -> tuple[dict[str, float], tuple[str, ...]]:
-    """
-    Return the numbers that a file states of a joint without limits that mean none, and these.
-
-    They are velocities and efforts of 0 or below, and a lower end above the upper one (PyBullet).
-    """
-    known, none = dict(numbers), []
-    if known.get('lower', -math.inf) > known.get('upper', math.inf):
-        none.append(f'lower {known.pop("lower")} above upper {known.pop("upper")}')
-    for key in ('velocity', 'effort'):
-        if known.get(key, math.inf) <= 0:
-            none.append(f'{key} {known.pop(key)}')
-    return known, tuple(none)
-
-
-def limits_text(name: str, none: Mapping[str, Sequence[str]], infinite: str) -> str:
-    """Return the warning about limits that mean none, '' for none; `infinite` forms a repair."""
-    joints = [f'{quote(joint)} ({", ".join(which)})' for joint, which in none.items() if which]
-    if not joints:
-        return ''
-    words = {word for which in none.values() for text in which for word in text.split()}
-    keys = [key for key in LIMIT_FIELDS if words & {key, '<limit>'}]
-    repair = ' '.join(infinite.format(key, '-' if key == 'lower' else '') for key in keys)
-    return (
-        f'{quote(name)}: taken as unlimited: {listed(joints)}. '
-        f'Write the true limits, or where there is none {repair}'
-    )
 
 
 def link_label(robot: Robot, index: int) -> str:

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache, wraps
+from functools import wraps
 import hashlib
 from os import PathLike
 from pathlib import Path
@@ -322,7 +322,7 @@ def scene_inputs(
     if brakes is not None:
         inputs['free'] = (~_in_batch('brakes', _braked(brakes), n, batch)).astype(dtype)
     elif scene.brakes:
-        inputs['free'] = _all_free((*(batch or ()), n), dtype)
+        inputs['free'] = np.ones((*(batch or ()), n), dtype)
     return inputs
 
 
@@ -331,14 +331,6 @@ def _in_batch(name: str, array: Array, size: int, batch: tuple[int, ...] | None)
     if batch is None or array.shape[-1:] != (size,):
         return fit_shape(name, array, (..., size))
     return fit_shape(name, array, (*batch, size), broadcast=True)
-
-
-@lru_cache(maxsize=16)
-def _all_free(shape: tuple[int, ...], dtype: str) -> Array:
-    """Return the input of joints that all move; read-only."""
-    free = np.ones(shape, dtype)
-    free.flags.writeable = False
-    return free
 
 
 def _braked(value: ArrayLike) -> Array:

@@ -17,8 +17,9 @@ import sys
 from typing import Any, NamedTuple
 
 from pfd_core.model.geometry import angles_of_quaternion
+from pfd_core.model.limits import known_limits
 from pfd_core.model.locking import with_followers
-from pfd_core.model.robot import JOINT_TYPES, known_limits
+from pfd_core.model.robot import JOINT_TYPES
 from pfd_core.model.urdf_xml import (
     EQUALITY,
     INERTIA_KEYS,

@@ -33,6 +33,7 @@ from pfd_core.model.geometry import (
     welded_fields,
     without_residue,
 )
+from pfd_core.model.limits import limits_text
 from pfd_core.model.locking import how_to_lock, locked_positions
 from pfd_core.model.robot import (
     JOINT_TYPES,
@@ -40,7 +41,6 @@ from pfd_core.model.robot import (
     Frame,
     Robot,
     from_stated,
-    limits_text,
     warn,
 )
 from pfd_core.model.urdf import Inertial, Joint, Mimic, Origin, Urdf

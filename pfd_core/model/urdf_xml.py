@@ -15,7 +15,7 @@ import re
 from typing import Any, NamedTuple
 from xml.parsers import expat
 
-from pfd_core.model.rotors import reflected_inertia
+from pfd_core.model.limits import reflected_inertia
 from pfd_core.model.values import BLANKS, number_from_text, quote, quote_all
 
 # Published URDFs have up to 1 MB, and 4000 elements, 8 within each other.

@@ -45,15 +45,14 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> str:
     result = answer_of(__name__, words, 'xacro', label)
     known, reason = result['known'], result['reason']
     unknown = [name for name in given if name not in known]
+    has = f'its arguments are {_listed(known)}' if known else 'it has no arguments'
     if reason:
         reason = repr(' '.join(reason.split()))[1:-1][:LONGEST_REASON]
-        if known and result['of_arguments']:
-            reason += f'; its arguments are {_listed(known, reason)}'
-            reason += f', {quote_all(unknown)} is none of them' if unknown else ''
-            reason += f'; {GIVE}'
+        if known:
+            none = f', {quote_all(unknown)} is none of them' if unknown else ''
+            reason += f'; {has}{none}; {GIVE}'
         raise ValueError(f'xacro cannot expand {label}: {reason}')
     if unknown:
-        has = f'its arguments are {_listed(known)}' if known else 'it has none'
         raise ValueError(f'{label} has no argument {quote_all(unknown)}; {has}')
     text: str = result['text']
     return text
@@ -68,17 +67,11 @@ def _text(name: object, value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def _listed(known: Mapping[str, str | None], reason: str = '') -> str:
-    """Return arguments and short values; first those that the reason shows, or without value."""
-    written = [f'{name}:={value or ""}' for name, value in known.items()]
-    shown = [bool(value) and str(value) not in reason for value in known.values()]
-    both = sorted(zip(shown, written, known, strict=True), key=lambda row: row[0])
-    names = [name if len(text) > LONGEST_ARGUMENT else text for _, text, name in both]
+def _listed(known: Mapping[str, str | None]) -> str:
+    """Return arguments and short values."""
+    written = {name: f'{name}:={value or ""}' for name, value in known.items()}
+    names = [name if len(text) > LONGEST_ARGUMENT else text for name, text in written.items()]
     return listed([*map(quote, names)], MOST_LISTED)
-
-
-class PackageError(Exception):
-    """No folder of a package is found."""
 
 
 class _Arguments(dict[str, str]):
@@ -114,7 +107,7 @@ def answer(path: str, given: str) -> None:
             if found is not None:
                 sources.extend([str(found)] * (found.parent.name != 'share'))
                 return str(found)
-        raise PackageError(
+        raise LookupError(
             f'package {quote(name)} is not found: AMENT_PREFIX_PATH does not have it, and no '
             f'package.xml above {quote(xacro.filestack[-1])} or beside its package states that '
             'name; put it beside that package'
@@ -124,18 +117,17 @@ def answer(path: str, given: str) -> None:
     index.get_package_share_directory = find  # type: ignore[attr-defined]
     sys.modules['ament_index_python'] = ModuleType('ament_index_python')
     sys.modules[index.__name__] = index
-    arguments = _Arguments(json.loads(given))
-    text, reason, of_arguments = '', '', True
+    arguments, text, reason = _Arguments(json.loads(given)), '', ''
     try:
         xacro.init_stacks(path)
         for node in xacro.parse(None, path).getElementsByTagName('xacro:arg'):
             arguments.known[node.getAttribute('name')] = node.getAttribute('default')
         text = xacro.process_file(path, mappings=arguments).toxml()
     except Exception as error:  # whatever the file provokes
-        reason, cause = _reason(error), error
+        cause: Any = error
         while getattr(cause, 'exc', None) is not None:
-            cause = cause.exc  # type: ignore[attr-defined]
-        of_arguments = not isinstance(cause, (PackageError, no_value))
+            cause = cause.exc
+        reason = f'{type(cause).__name__}: {error}'
         if isinstance(cause, no_value):
             name, default = str(cause), arguments.known.get(str(cause)) or 'VALUE'
             reason = (
@@ -148,15 +140,4 @@ def answer(path: str, given: str) -> None:
         if xacro.filestack and xacro.filestack[-1] != path:
             reason += f' (in {xacro.filestack[-1]})'
     known = {name: arguments.get(name, default) for name, default in arguments.known.items()}
-    result = {'text': text, 'reason': reason, 'known': known, 'of_arguments': of_arguments}
-    sys.stdout.write(json.dumps(result))
-
-
-def _reason(error: Exception) -> str:
-    """Return an error's text; xacro writes that of a cause twice where it adds nothing to it."""
-    cause = getattr(error, 'exc', None)
-    again = f'{type(cause)}: {cause}', f'{getattr(cause, "strerror", "")}: '
-    if cause is not None and str(error.args[0]).startswith(again):
-        return _reason(cause)
-    kind = type(cause or error)
-    return str(error) if kind is PackageError else f'{kind.__name__}: {error}'
+    sys.stdout.write(json.dumps({'text': text, 'reason': reason, 'known': known}))

@@ -58,6 +58,7 @@ from pfd_core.model.geometry import (
     symmetric,
     welded_fields,
 )
+from pfd_core.model.limits import known_limits, limits_text
 from pfd_core.model.robot import (
     LIMIT_FIELDS,
     Follower,
@@ -65,8 +66,6 @@ from pfd_core.model.robot import (
     Robot,
     check_robot,
     from_stated,
-    known_limits,
-    limits_text,
     stated,
     turned,
     warn,

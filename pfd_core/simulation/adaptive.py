@@ -35,10 +35,10 @@ from pfd_core.kernels.simulations import AdaptiveSteps, compile_adaptive, pieces
 from pfd_core.kernels.spec import STEP, KernelSpec
 from pfd_core.kernels.threads import address
 from pfd_core.model.effects import INPUT
+from pfd_core.model.limits import outside_stops, start_within
 from pfd_core.model.plant import check_instant, resolve
 from pfd_core.model.robot import PhysicsWarning, Robot
 from pfd_core.model.scene import Scene, given_scene, scene_inputs
-from pfd_core.model.stops import outside_stops, start_within
 from pfd_core.model.values import Array, choice, integer, real_array, real_number, switch
 from pfd_core.simulation.adaptive_steps import WRITTEN, adaptive_code, adaptive_frame
 from pfd_core.simulation.embedded_pairs import PAIRS, ROWS, interpolate

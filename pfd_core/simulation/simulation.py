@@ -31,10 +31,10 @@ from pfd_core.kernels.spec import STEP, KernelSpec
 from pfd_core.kernels.threads import address, run
 from pfd_core.machine.program import Program
 from pfd_core.model.effects import INPUT
+from pfd_core.model.limits import outside_stops, start_within
 from pfd_core.model.plant import Plant, check_joint_inertia, resolve
 from pfd_core.model.robot import PhysicsWarning, Robot
 from pfd_core.model.scene import Scene, given_scene, scene_inputs
-from pfd_core.model.stops import outside_stops, start_within
 from pfd_core.model.values import (
     DTYPES,
     Array,

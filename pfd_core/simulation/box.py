@@ -266,10 +266,3 @@ def record_settling(n: int) -> Program:
         thrown=[where(flag, 0.0, p) for flag, p in zip(settles, thrown, strict=True)],
         again=[any_of(settles)],
     )
-
-
-def record_inelastic(n: int) -> Program:
-    """Return the program of qd after an impact without restitution: x with hits, else qd."""
-    recorder = Recorder(1, 'sequential')
-    (x, qd), (hits,) = read(recorder, n, 'x', 'qd'), single(recorder, 'hits')
-    return recorder.program(qd=[where(hits, x[i], qd[i]) for i in range(n)])

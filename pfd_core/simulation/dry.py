@@ -283,12 +283,11 @@ def record_held(n: int) -> Program:
     return recorder.program(held=[held], slides=[negated(held)])
 
 
-def record_first(n: int) -> Program:
-    """Return the program of K0, (n,): x.begin, which is known, for an arm with a joint at rest."""
+def record_chosen(n: int) -> Program:
+    """Return the program of y, (n,): x for an arm with the flag `on`, (1,), else as before."""
     recorder = Recorder(1, 'sequential')
-    K0, x = read(recorder, n, 'K0', 'x.begin')
-    (held,) = single(recorder, 'held')
-    return recorder.program(K0=[where(held, b, a) for a, b in zip(K0, x, strict=True)])
+    (y, x), (on,) = read(recorder, n, 'y', 'x'), single(recorder, 'on')
+    return recorder.program(y=[where(on, b, a) for a, b in zip(y, x, strict=True)])
 
 
 def rests(unbraked: Lanes, moving: Lanes) -> Lanes:

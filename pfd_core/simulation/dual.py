@@ -43,7 +43,7 @@ CONSTANT = (
     *('free', 'wrench', 'unbraked', 'moving', 'direction', 'sticks', 'turns', 'zero'),
     *('candidate', 'lower', 'upper', 'last', 'barred', 'busy', 'watch', 'held', 'slides', 'hits'),
     *('still', 'again', 'loose', 'slack', 'seek', 'event', 'fired', 'stopped', 'noise', 'd'),
-    *('delta', 'span', 'unfinished'),
+    *('delta', 'span', 'unfinished', 'on'),
 )
 # Programs of the search, and of a joint that is put onto its stop by rounding.
 PLAIN = ('bracket', 'narrow', 'aim', 'hits', 'reach', 'shift', 'closing', 'braked')

@@ -18,8 +18,6 @@ parameters, as in one with the numbers of the arm, up to rounding.
 from __future__ import annotations
 
 from collections.abc import Mapping
-import math
-import os
 from typing import Any
 
 import numpy as np
@@ -34,7 +32,7 @@ from pfd_core.kernels.threads import thread_count
 from pfd_core.model.effects import INPUT
 from pfd_core.model.robot import Robot
 from pfd_core.model.scene import Scene, given_scene
-from pfd_core.model.values import LARGEST_INTEGER, Array, integer, real_array
+from pfd_core.model.values import Array, integer, real_array
 from pfd_core.simulation.feedback import (
     Feedback,
     Law,
@@ -45,6 +43,8 @@ from pfd_core.simulation.feedback import (
 from pfd_core.simulation.simulation import Simulation
 from pfd_core.simulation.trajectory import Trajectory
 
+# The state of as many arms with six joints takes 3 to 5 GB.
+ARMS_AT_MOST = 10**7
 # The times of the steps are exact up to here, and NumPy has shapes for arrays of as many rows.
 STEPS_AT_MOST = 10**12
 
@@ -58,7 +58,7 @@ class Ensemble(Simulation):
     robot : Robot
         The chain.
     size : int
-        Number of arms B, at least 1.
+        Number of arms B, from 1 to 10 million.
     scene : Scene, optional
         Which effects are on; default: rigid links and gravity.
     parameters : mapping, optional
@@ -96,7 +96,7 @@ class Ensemble(Simulation):
             raise ValueError(
                 f'an Ensemble takes a scene with a Payload or None, got payload={INPUT!r}'
             )
-        self._size = integer('size', size, 1, math.inf)
+        self._size = integer('size', size, 1, ARMS_AT_MOST)
         self._batch = (self._size,)
         if parameters is not None:
             self._arms = Arms(robot, given_scene(scene), self._size, parameters)
@@ -117,8 +117,6 @@ class Ensemble(Simulation):
 
     def _shapes(self) -> dict[str, tuple[int, ...]]:
         names = (*REPORT, *self._native.steps.further)
-        each = 2 * len(names) * self._robot.n * np.dtype(self._dtype).itemsize
-        _check_memory(f'size={self._size} arms', self._size * each)
         return dict.fromkeys(names, (self._size, self._robot.n))
 
     @property
@@ -186,9 +184,6 @@ class Ensemble(Simulation):
         threads = thread_count(threads)
         taus, steps = self._torques(taus, steps)
         every = integer('every', every, 1)
-        shape = self._size, steps // every, self._robot.n
-        written = len(REPORT) * math.prod(shape) * np.dtype(self._dtype).itemsize
-        _check_memory(f'states of {self._size} arms at {steps // every} times', written)
         given = self._scene_inputs(wrench, brakes)
         if self._plant.varied:
             given[PARAMETERS] = self._parameters
@@ -219,14 +214,3 @@ class Ensemble(Simulation):
         if steps not in (None, found):
             raise ValueError(f'taus has {found} steps, but steps={steps}')
         return np.broadcast_to(array, (self._size, found, n)), found
-
-
-def _check_memory(what: str, needed: int) -> None:
-    """Raise ValueError for more bytes than the memory has: an allocation might succeed."""
-    there = LARGEST_INTEGER
-    if hasattr(os, 'sysconf'):
-        there = os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES')
-    if needed > there:
-        raise ValueError(
-            f'{what} take {needed // 10**9} GB, but this machine has {there // 10**9} GB'
-        )

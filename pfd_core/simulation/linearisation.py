@@ -35,7 +35,7 @@ from pfd_core.kernels.spec import KernelSpec
 from pfd_core.kernels.tangents import compile_tangents
 from pfd_core.model.plant import resolve
 from pfd_core.model.scene import scene_inputs
-from pfd_core.model.values import Array, real_array
+from pfd_core.model.values import Array, common_shape, real_array
 from pfd_core.simulation.dry import Law, has_contact
 from pfd_core.simulation.dual import CONSTANT, PLAIN, dual_step
 
@@ -109,7 +109,7 @@ class Linearization(tuple[Array, Array]):
 
 
 class LinearStep:
-    """The linearised step of a simulation, with its settings; of states with a batch or none."""
+    """The linearised step of a simulation, with its settings."""
 
     def __init__(
         self,
@@ -117,14 +117,13 @@ class LinearStep:
         integrator: str,
         step_size: float,
         substeps: int,
-        batch: tuple[int, ...],
     ) -> None:
         robot, scene, self._dtype = spec.robot, spec.scene, spec.dtype
         if scene.joint_limits is not None:
             # As in the state of a simulation, whose joints are at rounded stops.
             limits = np.array(resolve(robot, scene).joint_limits, self._dtype)
             scene = replace(scene, joint_limits=limits.astype(float))
-        self._scene, self._plant, self._batch = scene, resolve(robot, scene), batch
+        self._scene, self._plant = scene, resolve(robot, scene)
         self._dry = has_contact(self._plant)
         spec = replace(spec, dtype='float64')
         step = dual_step(self._plant, integrator, step_size / substeps)
@@ -137,63 +136,42 @@ class LinearStep:
         brakes: ArrayLike | None,
     ) -> Linearization:
         """Return A and B; `state` are q, qd and tau; all as for Simulation.linearize."""
-        if self._dry:
-            return self._through_events(state, wrench, brakes)
-        if self._dtype == 'float32':
-            state = {name: self._rounded(name, value) for name, value in state.items()}
-        q, qd, tau = state.values()
-        S = self.kernel(q, qd, tau, wrench, brakes=brakes)
-        rows, n = S.shape[-2], self._plant.robot.n
-        status = np.full((*S.shape[:-2], n), MOVING, WIDEST)
-        if brakes is not None:
-            braked = np.broadcast_to(brakes, status.shape)
-            status[braked] = np.where(np.asarray(qd) == 0, HELD, EVENT)[braked]
-        return self._result(S[..., :rows], S[..., rows : rows + n], status)
-
-    def _result(self, A: Array, B: Array, status: NDArray[np.str_]) -> Linearization:
-        if self._dtype == 'float32':
-            A, B = A.astype('float32'), B.astype('float32')
-        return Linearization(A, B, status)
-
-    def _rounded(self, name: str, value: ArrayLike) -> Array:
-        """Return an argument as an array, (n,) or (B, n), of numbers of the simulation."""
-        robot, batch = self._plant.robot, self._batch
-        shape, joints = (*batch, robot.n), robot.joint_names
-        array = real_array(name, value, self._dtype, shape, broadcast=bool(batch), joints=joints)
-        rounded: Array = array.astype('float64')
-        return rounded
-
-    def _through_events(
-        self,
-        state: Mapping[str, ArrayLike],
-        wrench: ArrayLike | None,
-        brakes: ArrayLike | None,
-    ) -> Linearization:
-        """Return A and B in a scene with dry friction or stops."""
-        n, batch = self._plant.robot.n, self._batch
-        x = {name: self._rounded(name, value) for name, value in state.items()}
-        x |= scene_inputs(self._scene, n, 'float64', wrench, brakes, batch)
+        robot, n = self._plant.robot, self._plant.robot.n
+        x = {
+            name: real_array(name, value, self._dtype, (..., n), joints=robot.joint_names)
+            for name, value in state.items()
+        }
+        x |= scene_inputs(self._scene, n, 'float64', wrench, brakes)
+        batch = common_shape(x)
         # With one axis of arms, for one arm as well.
-        x = {name: value.reshape(-1, value.shape[-1]) for name, value in x.items()}
+        for name, value in x.items():
+            size = value.shape[-1]
+            x[name] = np.broadcast_to(value, (*batch, size)).reshape(-1, size).astype(float)
         S = self._evaluated(x)
         rows = S.shape[-2]
         A, B = S[..., :rows].copy(), S[..., rows : rows + n].copy()
-        too_many = S[:, n, -1] > 0
-        A[too_many] = B[too_many] = np.nan
-        rests, lower, upper = self._resting(x)
         status = np.full(x['q'].shape, MOVING, WIDEST)
-        status[rests & (S[:, n : 2 * n, -2] == 0)] = HELD
-        hits = (lower & (x['qd'] < 0)) | (upper & (x['qd'] > 0))
-        status[hits | (S[:, :n, -1] > 0)] = EVENT
+        if self._dry:
+            self._add_events(x, S, A, B, status)
         if 'free' in x:
             braked = x['free'] == 0
             status[braked] = np.where(x['qd'] == 0, HELD, EVENT)[braked]
-        if (rests | lower | upper).any():
+        if self._dry:
             self._add_limits(x, S[..., -2], A, status)
-        shape = A.shape[1:] if not batch else A.shape
-        return self._result(
-            A.reshape(shape), B.reshape(*batch, rows, n), status.reshape(*batch, n)
-        )
+        A, B = (y.reshape(*batch, *y.shape[1:]).astype(self._dtype) for y in (A, B))
+        return Linearization(A, B, status.reshape(*batch, n))
+
+    def _add_events(
+        self, x: Mapping[str, Array], S: Array, A: Array, B: Array, status: NDArray[np.str_]
+    ) -> None:
+        """Write which joints are held or had an event, and NaN for a step with too many."""
+        n = self._plant.robot.n
+        too_many = S[:, n, -1] > 0
+        A[too_many] = B[too_many] = np.nan
+        rests, lower, upper = self._resting(x)
+        status[rests & (S[:, n : 2 * n, -2] == 0)] = HELD
+        hits = (lower & (x['qd'] < 0)) | (upper & (x['qd'] > 0))
+        status[hits | (S[:, :n, -1] > 0)] = EVENT
 
     def _evaluated(self, x: Mapping[str, Array]) -> Array:
         """Return the kernel's result for some arms."""
@@ -227,6 +205,8 @@ class LinearStep:
         """
         n = self._plant.robot.n
         rests, lower, upper = self._resting(x)
+        if not (rests | lower | upper).any():
+            return
         slow = np.where((lower | upper).any(axis=-1, keepdims=True), SLOW, INSTANT)
         slow = np.broadcast_to(slow, rests.shape)
         near = np.full(rests.shape, NEAR)

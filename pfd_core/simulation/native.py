@@ -126,7 +126,7 @@ def event_programs(law: Law, segment: Segment) -> dict[str, Program]:
         'narrow': search.record_narrow(law),
         'snap': dry.record_snap(law, segment.compensated),
         'commit': segment.record_commit(),
-        'first': dry.record_first(law.n),
+        'chosen': dry.record_chosen(law.n),
         'unfinished': dry.record_unfinished(law.n),
     }
     if not segment.damped:
@@ -138,7 +138,6 @@ def event_programs(law: Law, segment: Segment) -> dict[str, Program]:
             'impulses': box.record_impulses(law),
             'restitution': box.record_restitution(law),
             'settling': box.record_settling(law.n),
-            'inelastic': box.record_inelastic(law.n),
         }
     return programs
 
@@ -323,7 +322,7 @@ class EventWriter:
             s.run('restitution')
             with s.when_any('still'):
                 self._compress(s, 'still', '.still')
-                s.run('inelastic', x='x.still', hits='still')
+                s.run('chosen', y='qd', x='x.still', on='still')
             s.call('hold')
             self._accelerations(s, 'K0', 'q', 'qd', self.segment.tau[0])
             s.run('settling', qdd='K0')
@@ -442,7 +441,7 @@ class EventWriter:
             with s.when_any('slides'):
                 self._accelerations(s, result, q, qd, tau)
         with s.when_any('held'):
-            s.run('first', K0=result, **{'x.begin': f'x.{place}'})
+            s.run('chosen', y=result, x=f'x.{place}', on='held')
 
     def _search(self, s: Script) -> None:
         segment = self.segment

@@ -344,8 +344,7 @@ class Simulation(ABC):
         Parameters
         ----------
         q, qd, tau : array_like
-            Positions and velocities before the step and torques, (n,) or (B, n); with dry friction
-            or stops of as many states as the simulation has.
+            Positions and velocities before the step and torques, (n,), or (B, n) of any B states.
         wrench, brakes
             As for a step.
 
@@ -375,8 +374,7 @@ class Simulation(ABC):
 
     @cached_property
     def _linear_step(self) -> LinearStep:
-        settings = self._integrator, self._step_size, self._substeps
-        return LinearStep(self._spec, *settings, self._batch)
+        return LinearStep(self._spec, self._integrator, self._step_size, self._substeps)
 
     def _rollout(
         self,

@@ -119,6 +119,7 @@ class Recipe:
         functions: Sequence[str],
         ir: Callable[[], str],
         described: Callable[[], str] | None = None,
+        branches: bool = False,
     ) -> Native:
         """
         Return native code of the program.
@@ -126,7 +127,7 @@ class Recipe:
         `module` is everything that determines the IR except the program, such as the name of a
         kind of module; `functions` are those whose addresses are needed. `ir` writes the module if
         its object is not on disk, and `described` returns the digest of all its programs, default
-        that of this one.
+        that of this one. `branches` is as of Optimisation.
         """
         own = vars(self)
 
@@ -134,7 +135,7 @@ class Recipe:
             if 'facts' not in own:
                 own['facts'] = self._facts()
             facts = self.facts if described is None else self.facts._replace(digest=described())
-            return ir(), self.optimisation, facts._asdict()
+            return ir(), replace(self.optimisation, branches=branches), facts._asdict()
 
         native = compile_kept((*self.key, module), source, functions, Facts)
         own.setdefault('facts', native.facts)

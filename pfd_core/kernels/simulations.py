@@ -286,7 +286,8 @@ def _compiled(
     own = steps.width, steps.written, step.settings, step.plant.digest, keys
     controls = '' if control is None else digest(control)
     main = next(iter(sources.values()))
-    return main.compile(f'{functions} {own} {controls}', functions, ir, described)
+    module = f'{functions} {own} {controls}'
+    return main.compile(module, functions, ir, described, branches=True)
 
 
 def step_dynamics(spec: KernelSpec, step: StepCode) -> tuple[dict[str, Recipe], dict[str, int]]:

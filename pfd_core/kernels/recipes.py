@@ -53,6 +53,8 @@ class Recipe:
 
     The key is everything that determines the program, except the source of this package. `outputs`
     are those that are wanted, default all; several become one, in which they follow each other.
+    With `product` the lowered outputs are factors of the result, which native code multiplies in
+    loops (pfd_core.kernels.matmul); program and facts have the operations of that one by one.
     """
 
     def __init__(
@@ -61,8 +63,10 @@ class Recipe:
         record: Callable[[], Program],
         dtype: str,
         outputs: Collection[str] | None = None,
+        product: bool = False,
     ) -> None:
         self.key, self._record, self._dtype, self._outputs = key, record, dtype, outputs
+        self._product = product
 
     @cached_property
     def lowered(self) -> Stages:
@@ -73,10 +77,13 @@ class Recipe:
             )
         return stages
 
-    @property
+    @cached_property
     def stages(self) -> Stages:
-        """The stages of the program."""
-        return self.lowered
+        """The stages of the program, of a product with all its operations."""
+        if not self._product:
+            return self.lowered
+        multiplied = load('kernels.lower.multiplied')
+        return replace(self.lowered, **{k: multiplied(p) for k, p in vars(self.lowered).items()})
 
     @cached_property
     def program(self) -> Program:
@@ -103,14 +110,19 @@ class Recipe:
     @property
     def optimisation(self) -> Optimisation:
         """The effort of the compiler."""
-        longest = load('kernels.schedule.LONGEST')
-        return Optimisation(long=self.work > longest, reorder=not self.facts.ordered)
+        longest, ordered = load('kernels.schedule.LONGEST'), self.facts.ordered
+        return Optimisation(long=self.work > longest, reorder=self._product or not ordered)
 
     def functions(self, dtype: str, width: int, angles: Sequence[int]) -> list[str]:
         """Return the functions of a kernel without its entry, as generate.kernel_functions."""
-        size = len(next(iter(self.program.outputs.values())).places)
-        write = load('kernels.generate.kernel_functions')
-        functions: list[str] = write(self.program, dtype, width, angles, size)
+        functions: list[str]
+        if self._product:
+            write = load('kernels.matmul.product_functions')
+            functions = write(self.lowered.compiled, dtype, width, angles)
+        else:
+            size = len(next(iter(self.program.outputs.values())).places)
+            write = load('kernels.generate.kernel_functions')
+            functions = write(self.program, dtype, width, angles, size)
         return functions
 
     def compile(
@@ -153,34 +165,6 @@ class Recipe:
         )
 
 
-class ProductRecipe(Recipe):
-    """
-    A program whose lowered outputs are factors of the result (pfd_core.kernels.lower.multiplied).
-
-    Its program and facts describe the result, with the operations of the product one by one.
-    Native code multiplies in loops.
-    """
-
-    @cached_property
-    def stages(self) -> Stages:
-        """The stages of the program."""
-        multiplied = load('kernels.lower.multiplied')
-        return replace(
-            self.lowered, **{k: multiplied(program) for k, program in vars(self.lowered).items()}
-        )
-
-    @property
-    def optimisation(self) -> Optimisation:
-        """The effort of the compiler: no order of the operations is written."""
-        return replace(super().optimisation, reorder=True)
-
-    def functions(self, dtype: str, width: int, angles: Sequence[int]) -> list[str]:
-        """Return the functions of a kernel, which compute the factors and multiply them."""
-        write = load('kernels.matmul.product_functions')
-        functions: list[str] = write(self.lowered.compiled, dtype, width, angles)
-        return functions
-
-
 def recipe_of(spec: KernelSpec) -> Recipe:
     """Return the recipe of a spec."""
     plant = spec.plant
@@ -193,7 +177,7 @@ def recipe_of(spec: KernelSpec) -> Recipe:
                 f'of the stack, more than {STACK_BYTES >> 20} MB: the robot has too many joints'
             )
         path, options = 'acceleration.record_derivatives', (spec.method, spec.refine, spec.dtype)
-        return recipe(path, plant, spec.dtype, *options, kind=ProductRecipe)
+        return recipe(path, plant, spec.dtype, *options, product=True)
     row = QUANTITIES.get(spec.quantity)
     if row is None or not row.method:  # a step, or forward dynamics: the spec has the method
         return forward(spec, plant)
@@ -206,11 +190,16 @@ def recipe(
     dtype: str,
     *options: str | int,
     outputs: Collection[str] | None = None,
-    kind: type[Recipe] = Recipe,
+    product: bool = False,
 ) -> Recipe:
     """Return the recipe of a program of pfd_core.dynamics, recorded of a plant with options."""
     key = path, plant.digest, dtype, *map(str, options)
-    return kind(key, lambda: load(f'dynamics.{path}')(plant, *options), dtype, outputs)
+
+    def record() -> Program:
+        program: Program = load(f'dynamics.{path}')(plant, *options)
+        return program
+
+    return Recipe(key, record, dtype, outputs, product)
 
 
 def forward(spec: KernelSpec, plant: Plant) -> Recipe:

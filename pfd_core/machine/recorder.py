@@ -26,7 +26,7 @@ several steps (pfd_core.machine.program.Program.count).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 from itertools import groupby
@@ -49,6 +49,14 @@ def lanes_of(mask: int) -> tuple[int, ...]:
     return tuple(lane for lane in range(mask.bit_length()) if mask >> lane & 1)
 
 
+Operator = Callable[['Lanes', object], Any]
+
+
+def _operator(op: str) -> tuple[Operator, Operator]:
+    """Return the methods of an operator of Python for a value on its left and on its right."""
+    return (lambda a, b: a._binary(op, a, b)), (lambda b, a: b._binary(op, a, b))
+
+
 class Lanes:
     """
     One value per lane, while recording.
@@ -69,29 +77,10 @@ class Lanes:
             'use where(condition, a, b), or decide on data known before recording'
         )
 
-    def __add__(self, other: object) -> Any:
-        return self._binary('add', self, other)
-
-    def __radd__(self, other: object) -> Any:
-        return self._binary('add', other, self)
-
-    def __sub__(self, other: object) -> Any:
-        return self._binary('sub', self, other)
-
-    def __rsub__(self, other: object) -> Any:
-        return self._binary('sub', other, self)
-
-    def __mul__(self, other: object) -> Any:
-        return self._binary('mul', self, other)
-
-    def __rmul__(self, other: object) -> Any:
-        return self._binary('mul', other, self)
-
-    def __truediv__(self, other: object) -> Any:
-        return self._binary('div', self, other)
-
-    def __rtruediv__(self, other: object) -> Any:
-        return self._binary('div', other, self)
+    __add__, __radd__ = _operator('add')
+    __sub__, __rsub__ = _operator('sub')
+    __mul__, __rmul__ = _operator('mul')
+    __truediv__, __rtruediv__ = _operator('div')
 
     def __neg__(self) -> Lanes:
         return self.recorder.apply('neg', self)

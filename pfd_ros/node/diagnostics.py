@@ -35,6 +35,7 @@ from pfd_ros.arm.plant import INPUT, Plant, acceleration_kernel
 from pfd_ros.arm.state import NEXT
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.node.graph import GraphCheck
+from pfd_ros.node.inbox import COMPILATION
 from pfd_ros.node.report import Report, speed_of
 from pfd_ros.node.stepping import Stepper
 from pfd_ros.text import one_line
@@ -202,7 +203,8 @@ class ArmDiagnostics:
         q, qd, tau = state.rows[state.now].copy()
         if self._kernels.digest != compiled_scene(plant).digest:
             # The scene has changed.
-            self._kernels = MassKernels(engine, plant)
+            with COMPILATION:
+                self._kernels = MassKernels(engine, plant)
         kernels = self._kernels
         kinetic, potential = kernels.energy(q, qd, **payload)
         published = settings.publish_every * settings.step_ns / NANOSECONDS

@@ -29,6 +29,8 @@ MOST_WAITING = 1000
 KEPT = frozenset({REQUESTS, PARAMETERS})
 # Between two looks of a waiting thread for the end of the run.
 LOOK_SECONDS = 0.5
+# Held while native code is compiled: two compilations at once take more time from the steps.
+COMPILATION = threading.Lock()
 OVERFLOWED = Verdict('overflowed', 'newer messages were received before the next step')
 
 
@@ -113,7 +115,7 @@ class Changes:
         """Prepare changes until `stopped` returns True."""
         while not stopped():
             for (role, data, _), verdict in self._waiting.take(LOOK_SECONDS):
-                with self._compiling():
+                with COMPILATION, self._compiling():
                     self._engine.prepare(role, data)
                 self._inbox.put(role, data, verdict)
                 # The next one is prepared for the arm that this one changes.

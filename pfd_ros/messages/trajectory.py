@@ -1,16 +1,16 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of type trajectory_msgs/JointTrajectory: bytes to arrays and back."""
+"""Messages of type trajectory_msgs/JointTrajectory: bytes to arrays."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from pfd_ros.messages.cdr import NANOSECONDS, TIME, Reader, Writer
+from pfd_ros.messages.cdr import Reader
 
 # The arrays of a point, in the order of the message; rad, rad/s, rad/s^2 and N m, or with m and N.
 POINT_FIELDS = ('positions', 'velocities', 'accelerations', 'effort')
@@ -54,22 +54,3 @@ def decode_trajectory(data: bytes) -> Trajectory:
         if wanted:
             values[name] = np.array([row[k] for row in rows])
     return Trajectory(stamp_ns, names, tuple(times), values)
-
-
-def encode_trajectory(
-    names: Sequence[str], times: Sequence[float], stamp_ns: int = 0, **values: ArrayLike
-) -> bytes:
-    """Return a JointTrajectory of N points at times [s] from the start on.
-
-    `values` are arrays of POINT_FIELDS, (N, k) for k names.
-    """
-    writer = Writer()
-    writer.header(stamp_ns, '')
-    writer.strings(names)
-    writer.integer(len(times))
-    for point, seconds in enumerate(times):
-        for name in POINT_FIELDS:
-            writer.numbers(np.asarray(values[name])[point] if name in values else ())
-        writer.align(4)
-        writer.data += TIME.pack(*divmod(round(seconds * NANOSECONDS), NANOSECONDS))
-    return bytes(writer.data)

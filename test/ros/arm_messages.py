@@ -17,15 +17,17 @@ from pfd_ros.arm.events import Verdict
 from pfd_ros.arm.other_inputs import encode_changes, encode_request
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.columns import Decoder
+from pfd_ros.messages.definitions import known_types
 from pfd_ros.messages.joints import Joints, decode_joints, encode_joints
 from pfd_ros.messages.numbers import encode_clock, encode_numbers
 from pfd_ros.messages.text_and_arrays import encode_floats
-from pfd_ros.messages.trajectory import encode_trajectory
+from pfd_ros.messages.trajectory import POINT_FIELDS
 from pfd_ros.messages.types import FLOAT_ARRAY as FLOAT_ARRAY_TYPE
 from pfd_ros.messages.types import INERTIA as INERTIA_TYPE
+from pfd_ros.messages.types import TRAJECTORY as TRAJECTORY_TYPE
 from pfd_ros.messages.types import WRENCH as WRENCH_TYPE
 
-STEP_NS = 1_000_000
+STEP_NS, SECOND_NS = 1_000_000, 1_000_000_000
 NAN, INF = float('nan'), float('inf')
 # Efforts act as they are commanded, and a state may overflow.
 UNLIMITED: dict[str, Any] = {'effort_limits': False, 'torque_speed': False}
@@ -109,8 +111,18 @@ def placed(
 def trajectory(
     names: Sequence[str], times: Sequence[float], stamp_ns: int = 0, **values: Any
 ) -> ArmMessage:
-    """Return a trajectory with points at times from the start on, s."""
-    return ArmMessage('joint_trajectory', encode_trajectory(names, times, stamp_ns, **values))
+    """Return a trajectory of N points at times from the start on, s, with arrays (N, names)."""
+    types = known_types().types
+    stamp = types['builtin_interfaces/msg/Time'](*divmod(stamp_ns, SECOND_NS))
+    points = []
+    for k, seconds in enumerate(times):
+        arrays = [np.array(values[x][k] if x in values else (), float) for x in POINT_FIELDS]
+        after = types['builtin_interfaces/msg/Duration'](*divmod(round(seconds * 1e9), SECOND_NS))
+        points.append(types['trajectory_msgs/msg/JointTrajectoryPoint'](*arrays, after))
+    header = types['std_msgs/msg/Header'](stamp, '')
+    message = types[TRAJECTORY_TYPE](header, list(names), points)
+    data = known_types().serialize_cdr(message, TRAJECTORY_TYPE)
+    return ArmMessage('joint_trajectory', bytes(data))
 
 
 def request(name: str, **more: int) -> ArmMessage:

@@ -16,7 +16,7 @@ from importlib.resources import files
 from os import PathLike, fspath
 from pathlib import Path
 import re
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from pfd_core.forking import load
 from pfd_core.model.locking import lock, locked_positions, locks
@@ -53,7 +53,7 @@ DECLARATION = re.compile(
     r"""\s*<\?xml\b[^<>]*?\bencoding\s*=\s*["'](?P<encoding>[A-Za-z][\w.-]*)["']""", re.ASCII
 )
 LONGEST_DECLARATION = 200
-URDF, XACRO, MJCF = 'urdf', 'xacro', 'mujoco'
+MJCF = 'mujoco'  # the first element of a model of MuJoCo
 # A path has one of these, or a folder, or is there; any other word is a name of a robot.
 XML_SUFFIXES = {'.urdf', '.xml', '.xacro'}
 SUFFIXES = {*XML_SUFFIXES, '.yaml', '.yml'}
@@ -64,23 +64,6 @@ ROOT = re.compile(r'\s*<([\w.:-]+)')
 MACRO, LANGUAGE, EXPRESSION = re.compile(r'<\s*xacro:'), 'xmlns:xacro', re.compile(r'\$[({]')
 # Fields of a robot in YAML, whatever the suffix of its file.
 IS_YAML = re.compile(r'^(robot|joints|description)\s*:', re.MULTILINE)
-
-
-class _Read(NamedTuple):
-    """The file of a robot."""
-
-    text: str
-    origin: str
-    kind: str  # URDF, XACRO or MJCF, whose text is URDF, or '' for YAML
-    tip: str | None = None  # the tip of a robot by name
-
-    def model(self) -> Urdf | Robot:
-        """Parse it: a robot if it is YAML."""
-        if not self.kind:
-            return robot_from_yaml(self.text, self.origin)
-        parsed = load('model.urdf.parse_urdf')(self.text, self.origin, self.kind == URDF)
-        urdf: Urdf = replace(parsed, tip=self.tip)
-        return urdf
 
 
 def known_robots(*, described: bool = False) -> list[str]:
@@ -168,7 +151,7 @@ def load_robot(
         negative, or a lower end lies above the upper one.
 
     """
-    model = _model(source, base, tip, xacro)
+    model = _chosen(source, base, tip, xacro)
     if isinstance(model, Robot):
         return model if locked is None else lock(model, locked)
     found: Robot = load('model.urdf_robot.robot_from_urdf')(
@@ -191,7 +174,7 @@ def locked_joints(
     They are those that `locked` names or matches, those that mimic these, and those that do not
     move the tip. Arguments and errors are as for `load_robot`.
     """
-    model, given = _model(source, base, tip, xacro), {} if locked is None else locked
+    model, given = _chosen(source, base, tip, xacro), {} if locked is None else locked
     if isinstance(model, Robot):
         return locks(model, given)
     at = locked_positions(model.name, given, model.joints)
@@ -206,20 +189,21 @@ def read_urdf(
 
     The arguments are as for `load_robot`, and so are the errors; None if it is a robot in YAML.
     """
-    read = _read(source, xacro)
-    model = read.model() if read.kind else None
+    model = _read(source, xacro)
     return None if isinstance(model, Robot) else model
 
 
 def urdf_of(source: str | PathLike[str], xacro: Mapping[str, object] | None = None) -> str:
     """
-    Return a robot as URDF: a URDF unchanged and not checked, any other robot converted.
+    Return a robot as URDF: the text of a URDF unchanged, any other robot converted.
 
     The arguments are as for `load_robot`, which with base and tip of the robot reads the same one
     from the URDF, to rounding.
     """
-    read = _read(source, xacro)
-    text: str = read.text if read.kind else load('model.urdf_writer.robot_to_urdf')(read.model())
+    model = _read(source, xacro)
+    if not isinstance(model, Robot):
+        return model.text
+    text: str = load('model.urdf_writer.robot_to_urdf')(model)
     return text
 
 
@@ -236,7 +220,8 @@ def load_scene(source: str | PathLike[str]) -> Scene:
     return scene_from_yaml(_text('scene', path), str(path))
 
 
-def _model(source: Any, base: object, tip: object, xacro: Any) -> Urdf | Robot:
+def _chosen(source: Any, base: object, tip: object, xacro: Any) -> Urdf | Robot:
+    """Return a model that has the links chosen as ends, if it is a robot in YAML."""
     for role, name in (('base', base), ('tip', tip)):
         if not (name is None or isinstance(name, str)):
             raise ValueError(f'{role} must be the name of a link or None, got {quote(name)}')
@@ -244,7 +229,7 @@ def _model(source: Any, base: object, tip: object, xacro: Any) -> Urdf | Robot:
         _refuse_arguments(xacro)
         urdf: Urdf = source
         return urdf
-    model = _read(source, xacro).model()
+    model = _read(source, xacro)
     if isinstance(model, Robot):
         for role, asked in (('base', base), ('tip', tip)):
             if asked not in (None, getattr(model, role)):
@@ -255,7 +240,7 @@ def _model(source: Any, base: object, tip: object, xacro: Any) -> Urdf | Robot:
     return model
 
 
-def _read(source: object, xacro: Mapping[str, object] | None) -> _Read:
+def _read(source: object, xacro: Mapping[str, object] | None) -> Urdf | Robot:
     if not (xacro is None or isinstance(xacro, Mapping)):
         raise ValueError(f'xacro must be a mapping, got {quote(xacro)}')
     if isinstance(source, str):
@@ -266,7 +251,7 @@ def _read(source: object, xacro: Mapping[str, object] | None) -> _Read:
             _refuse_arguments(xacro)
             if _root_of(source) == MJCF:
                 raise ValueError('the text is MJCF, whose files name others: give its path')
-            return _Read(source, 'URDF text', URDF)
+            return _parsed(source, 'URDF text')
         if '\n' in source:
             return _read_yaml(source, 'YAML text', xacro)
     path = _path(source, 'a name, a path or a string')
@@ -284,26 +269,32 @@ def _read(source: object, xacro: Mapping[str, object] | None) -> _Read:
     macros = MACRO.search(text) or (LANGUAGE in text and EXPRESSION.search(text))
     if path.suffix.lower() == '.xacro' or (root and macros):
         expanded = load('model.xacro_files.expanded')(path, xacro or {})
-        return _Read(expanded, str(path), XACRO)
+        return _parsed(expanded, str(path), lines=False)
     if not root:
         return _read_yaml(text, str(path), xacro)
     _refuse_arguments(xacro)
     if root == MJCF:
-        return _Read(load('model.mjcf.urdf_of_mjcf')(path), str(path), MJCF)
-    return _Read(text, str(path), URDF)
+        return _parsed(load('model.mjcf.urdf_of_mjcf')(path), str(path), lines=False)
+    return _parsed(text, str(path))
 
 
-def _read_yaml(text: str, origin: str, xacro: Mapping[str, object] | None) -> _Read:
+def _parsed(text: str, origin: str, *, lines: bool = True) -> Urdf:
+    urdf: Urdf = load('model.urdf.parse_urdf')(text, origin, lines)
+    return urdf
+
+
+def _read_yaml(text: str, origin: str, xacro: Mapping[str, object] | None) -> Urdf | Robot:
     """Return a robot in YAML: with all its numbers, or of a description in another package."""
     if not is_described(text):
         _refuse_arguments(xacro)
-        return _Read(text, origin, '')
+        return robot_from_yaml(text, origin)
     found = load('model.described.description')(text, origin)
-    parsed = _read(found.path, {**found.xacro, **(xacro or {})}).model()
-    if isinstance(parsed, Robot):
+    model = _read(found.path, {**found.xacro, **(xacro or {})})
+    if isinstance(model, Robot):
         raise ValueError(f'{quote(str(found.path))} must be a URDF, got a robot in YAML')
-    urdf = load('model.described.with_numbers')(parsed, found, text, origin)
-    return _Read(urdf, f'{found.path}, with numbers of {Path(origin).name}', XACRO, found.tip)
+    urdf = load('model.described.with_numbers')(model, found, text, origin)
+    label = f'{found.path}, with numbers of {Path(origin).name}'
+    return replace(_parsed(urdf, label, lines=False), tip=found.tip)
 
 
 def _refuse_arguments(xacro: Mapping[str, object] | None) -> None:

@@ -550,7 +550,7 @@ def test_a_wrong_file_is_refused_and_the_key_named(text: str, message: str) -> N
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
-        ('joints: ' + '[' * 1000 + ']' * 1000 + '\n', 'is nested too deep'),
+        ('joints: ' + '[' * 1000 + ']' * 1000 + '\n', 'nest(ed too deep|ing depth)'),
         ('joints: &a [*a]\n', 'recursive node'),
         ('#' * 1_000_000 + '\n', 'has 1000001 characters'),
         ('robot: x\njoints: !!python/name:os.system x\n', "joints of 'x' must be a list, got 'x'"),

@@ -39,7 +39,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from functools import lru_cache, partial
+from functools import partial
 import re
 from typing import Any, NamedTuple
 
@@ -99,14 +99,14 @@ def read_yaml(text: str, source: str) -> Any:
     Return the document of a YAML text, made of dict, list and str.
 
     Anchors, aliases and merge keys may be used. ValueError, which names the `source`, if it is no
-    YAML, has two equal keys or is too large. It is shared: of equal texts it is the same object.
+    YAML, has two equal keys or is too large.
     """
     if len(text) > MOST_CHARACTERS:
         raise ValueError(
             f'{quote(source)} has {len(text)} characters; a YAML file may have {MOST_CHARACTERS}'
         )
     try:
-        return _parsed(text)
+        return _Loader(text).get_single_data()
     except yaml.YAMLError as error:
         problem = getattr(error, 'problem', None) or getattr(error, 'reason', None) or 'unreadable'
         mark = getattr(error, 'problem_mark', None)
@@ -121,7 +121,11 @@ def is_described(text: str) -> bool:
     return DESCRIPTION.search(text) is not None and JOINTS.search(text) is None
 
 
-class _Loader(yaml.BaseLoader):  # type: ignore[misc]
+# Of libyaml, where PyYAML was built with it, which takes a tenth of the time.
+_Base: Any = getattr(yaml, 'CBaseLoader', yaml.BaseLoader)
+
+
+class _Loader(_Base):  # type: ignore[misc]
     """Makes strings, lists and tables, whatever a scalar looks like and a tag says."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> Any:
@@ -137,12 +141,6 @@ class _Loader(yaml.BaseLoader):  # type: ignore[misc]
                 raise yaml.MarkedYAMLError(problem=f'<< takes tables, got {quote(other)}')
             found = other | found
         return found
-
-
-@lru_cache(maxsize=8)
-def _parsed(text: str) -> Any:
-    """Parse a document, the robot of many arms only once: that takes longer than all else."""
-    return _Loader(text).get_single_data()
 
 
 def table(

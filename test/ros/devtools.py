@@ -104,9 +104,9 @@ class Page:
         return np.asarray(Image.open(io.BytesIO(data)).convert('RGB'))
 
 
-def red(shown: Page) -> float:
-    """Return the part of a page that has the colour of a force."""
-    r, g, b = np.moveaxis(shown.pixels().astype(int), 2, 0)
+def red(pixels: np.ndarray) -> float:
+    """Return the part of a picture that has the colour of a force."""
+    r, g, b = np.moveaxis(pixels.astype(int), 2, 0)
     return float(((r - np.maximum(g, b) > 60) & (np.abs(g - b) < 40)).mean())
 
 

@@ -82,17 +82,24 @@ class Engine(Arm):
         self._second = max(1, round(1.0 / settings.step_size))
 
     @property
-    def waiting(self) -> bool:
-        """Whether the next cycle has to wait for an event."""
+    def awaited(self) -> str:
+        """What the next cycle has to wait for, in words; '' for nothing."""
         state = self.state
         if not state.active:
-            return True
+            return 'inactive'
+        if state.paused and not state.left and state.jump is None:
+            return 'paused'
         if self._follows:
             # Simulated time of a failed arm is stopped; its cycles continue.
             following_ns = state.origin_ns + (state.cycle + 1) * self._step_ns
             if state.until_ns is None or following_ns > state.until_ns:
-                return True
-        return (state.waits or (state.paused and not state.left)) and state.jump is None
+                return 'waiting for the followed /clock'
+        return 'waiting for a command (lockstep)' if state.waits and state.jump is None else ''
+
+    @property
+    def waiting(self) -> bool:
+        """Whether the next cycle has to wait for an event."""
+        return bool(self.awaited)
 
     @property
     def published(self) -> bool:
@@ -132,7 +139,7 @@ class Engine(Arm):
         """
         messages: list[Message] = []
         verdicts = [self._take(event[0], event[1], messages) for event in inputs]
-        if run and not self.waiting:
+        if run and not self.awaited:
             self._cycle(self.state)
             self._add_outputs(self.state, messages)
         return messages, verdicts

@@ -132,24 +132,19 @@ class Plants:
         if found is None:
             # Outputs describe the model: without the wrench, and the gravity torques of drives.
             alone = replace(scene, external_wrench=False, gravity_compensation=False)
-            quantities = {
-                role: ROLES[role].quantity for role in OPTIONAL if role in settings.outputs
-            }
-            kernels = {
-                role: pfd.compile_kernel(self._robot, scene=alone, quantity=quantity)
-                for role, quantity in quantities.items()
-                if quantity
-            }
+            chosen = [role for role in OPTIONAL if role in settings.outputs]
+            wanted = {role: (alone, ROLES[role].quantity) for role in chosen}
             model = scene.gravity_compensation
             if settings.state_effort != 'command' and model:
                 model = pfd.Scene(gravity=scene.gravity) if model is True else model
-                kernels[ADDED] = pfd.compile_kernel(
-                    self._robot, scene=model, quantity='gravity_torques'
-                )
+                wanted[ADDED] = model, 'gravity_torques'
             if any(settings.reflex_external_effort):
-                kernels[EXTERNAL] = pfd.compile_kernel(
-                    self._robot, scene=alone, quantity='wrench_torques'
-                )
+                wanted[EXTERNAL] = alone, 'wrench_torques'
+            kernels = {
+                name: pfd.compile_kernel(self._robot, scene=one, quantity=quantity)
+                for name, (one, quantity) in wanted.items()
+                if quantity
+            }
             simulator = pfd.MotorSimulator(self._robot, scene, **simulator_settings(settings))
             found = simulator, kernels
             # The oldest go; a list, since other threads may ask meanwhile.

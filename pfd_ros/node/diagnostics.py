@@ -161,7 +161,7 @@ class ArmDiagnostics:
             for share, name in ((50, 'p50'), (99, 'p99'), (100, 'max')):
                 values[f'step_{name}_us'] = f'{np.percentile(lengths, share):.1f}'
         return status(
-            *('stepping', values, _reason_to_wait(self._engine) or 'running'),
+            *('stepping', values, self._engine.awaited or 'running'),
             (ERROR, state.failure, state.failure),
             (WARN, new['missed'], BUSY),
         )
@@ -256,19 +256,6 @@ class ArmDiagnostics:
             'recorded': sum(recorder.recorded.values()),
         }
         return status('recording', values, 'running', (ERROR, recorder.error, recorder.error))
-
-
-def _reason_to_wait(engine: Engine) -> str:
-    """Return what the next cycle waits for, '' for nothing."""
-    state = engine.state
-    if not engine.waiting:
-        return ''
-    if not state.active:
-        return 'inactive'
-    if state.paused:
-        return 'paused'
-    followed = state.settings.follows_clock
-    return 'waiting for ' + ('the followed /clock' if followed else 'a command (lockstep)')
 
 
 def _numbers(values: Iterable[float], form: str = '.4g') -> str:

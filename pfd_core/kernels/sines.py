@@ -39,7 +39,7 @@ from itertools import groupby
 from operator import attrgetter
 from typing import Any
 
-from pfd_core.machine.program import Program
+from pfd_core.machine.program import Program, renamed
 from pfd_core.machine.recorder import Lanes, Recorder
 
 # Largest angle in magnitude for which `sincos` keeps its error bound [rad].
@@ -163,24 +163,21 @@ def _polynomial(coefficients: tuple[float, ...], h: Any) -> Any:
 def expand_sines(program: Program, dtype: str) -> Program:
     """Return the program with every sine and cosine written out in the other operations."""
     recorder = Recorder(program.lanes)
-    values: list[Lanes] = []
+    names: list[int] = []  # register of the old program -> register of the new one
     pairs: dict[int, tuple[Lanes, Lanes]] = {}
     for section, instructions in groupby(program.instructions, attrgetter('section')):
         with recorder.section(section):
-            for instruction in instructions:
-                op, args, data, _, _ = instruction
+            for op, args, data, active, _ in instructions:
                 if op in ('sin', 'cos'):
-                    if args[0] not in pairs:
-                        pairs[args[0]] = sincos(values[args[0]], dtype)
-                    values.append(pairs[args[0]][op == 'cos'])
-                elif op == 'constant':
-                    values.append(recorder.constant(data))
+                    (angle,) = args
+                    if angle not in pairs:
+                        on = program.instructions[angle].active
+                        pairs[angle] = sincos(Lanes(recorder, (names[angle],), on), dtype)
+                    register = pairs[angle][op == 'cos'].registers[0]
                 else:
-                    values.append(recorder.copy(instruction, values))
-    for name, (shape, places) in program.outputs.items():
-        recorder.output(name, shape, [(values[register], lane) for register, lane in places])
-    expanded = recorder.program()
-    return Program(program.lanes, expanded.instructions, program.inputs, expanded.outputs)
+                    register = recorder.write(op, tuple([names[a] for a in args]), data, active)
+                names.append(register)
+    return renamed(program, recorder.program().instructions, names)
 
 
 # Bits after the binary point: of 1 / 2 pi, of the fraction of a turn, and of 2 pi.

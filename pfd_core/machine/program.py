@@ -11,7 +11,7 @@ lanes that the instruction works on, as a bit mask. A sequential program has one
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 import operator
 from typing import Any, NamedTuple
@@ -162,7 +162,9 @@ def runs(program: Program, iterations: int = 1) -> Iterator[tuple[Instruction, i
         yield instruction, times
 
 
-def renamed(program: Program, instructions: list[Instruction], names: list[int]) -> Program:
+def renamed(
+    program: Program, instructions: Iterable[Instruction], names: Sequence[int]
+) -> Program:
     """Return a program with other instructions; register k of the old program is now names[k]."""
     outputs = {
         name: Output(output.shape, tuple((names[k], lane) for k, lane in output.places))

@@ -204,13 +204,6 @@ class Recorder:
             raise ValueError(f'{op}: no lane has a value in every operand')
         return self._row(op, rows, None, defined)
 
-    def copy(self, instruction: Instruction, values: Sequence[Lanes]) -> Lanes:
-        """Record an instruction of another program, whose register k is `values[k]` here."""
-        op, args, data, active, _ = instruction
-        # A list: this is called millions of times, and a generator takes twice as long.
-        operands = tuple([values[a].registers[0] for a in args])
-        return Lanes(self, (self.write(op, operands, data, active),), active)
-
     def route(self, value: Lanes, sources: Sequence[int | None], fill: Lanes | None) -> Lanes:
         """Return lane i of `value[sources[i]]`, or of `fill` where there is no such value."""
         taken = [
@@ -272,19 +265,21 @@ def inline(
 
     `inputs` are values for some of the program's inputs; the others stay inputs.
     """
-    values: list[Lanes] = []
+    names: list[int] = []  # register of the program -> register of the recording
     for section, instructions in groupby(program.instructions, attrgetter('section')):
         with recorder.section(section):
-            for instruction in instructions:
-                if instruction.op == 'constant':
-                    value = recorder.constant(instruction.data[0])
-                elif instruction.op == 'input':
-                    name, k = instruction.data[0]
+            for op, args, data, active, _ in instructions:
+                if op == 'constant':
+                    register = recorder.constant(data[0]).registers[0]
+                elif op == 'input':
+                    name, k = data[0]
                     value = inputs[name][k] if name in inputs else recorder.input(name, [k])
+                    register = value.registers[0]
                 else:
-                    value = recorder.copy(instruction, values)
-                values.append(value)
+                    # Of a list: a generator takes twice as long.
+                    register = recorder.write(op, tuple([names[a] for a in args]), data, active)
+                names.append(register)
     return {
-        name: [values[register] for register, _ in output.places]
+        name: [Lanes(recorder, (names[register],), 1) for register, _ in output.places]
         for name, output in program.outputs.items()
     }

@@ -39,7 +39,8 @@ def new_file(path: Path, mode: str = 'xb', **options: Any) -> Iterator[Any]:
     OSError
         If it exists or cannot be written.
     """
-    stream = path.open(mode, **options)
+    # Names of files need not be Unicode.
+    stream = path.open(mode, errors=None if 'b' in mode else 'backslashreplace', **options)
     try:
         with stream:  # closing writes, too
             yield stream

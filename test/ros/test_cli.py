@@ -364,10 +364,11 @@ def test_a_reader_that_ends_first_ends_a_command_quietly(words):
     assert (done.returncode, done.stderr) == (CLOSED_PIPE, '')
 
 
-def test_names_that_a_terminal_cannot_show_are_escaped(logs, tmp_path):
+@pytest.mark.parametrize('words', ['info', 'report log'])
+def test_names_that_a_terminal_cannot_show_are_escaped(words, logs, tmp_path):
     name = 'é☃' + os.fsdecode(b'\xff.mcap')
     shutil.copy(logs / 'whole.mcap', tmp_path / name)
-    done = process('info', name, cwd=tmp_path, PYTHONIOENCODING='ascii')
+    done = process(*words.split(), name, cwd=tmp_path, PYTHONIOENCODING='ascii')
     assert (done.returncode, done.stderr) == (0, '')
     assert r'\xe9\u2603\udcff' in done.stdout
 

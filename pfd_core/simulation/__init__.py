@@ -5,7 +5,7 @@ Time: the motion of an arm, or of many arms at once, in native code.
 
     tableaux        integrators as data; INTEGRATORS
     stages          the programs of a segment of any length: stages, end, lag of motors, sums
-    flags           flags in recorded programs
+    flags           programs from functions of their inputs, and flags in them
     dry             dry friction, joint stops and rest: loads, modes, margins, events
     box             which joints at rest move, and impacts: one box problem
     search          the search for an event on the step map

@@ -32,6 +32,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 import math
+from typing import Any
 
 from pfd_core.kernels.ir import Code
 from pfd_core.kernels.script import Frame, Script
@@ -39,11 +40,19 @@ from pfd_core.kernels.simulate import MOTION
 from pfd_core.kernels.simulations import StepCode
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Recorder
 from pfd_core.model.plant import Plant
-from pfd_core.simulation.dry import Law, has_contact, read, rests, single
+from pfd_core.simulation.dry import Law, has_contact, rests
 from pfd_core.simulation.embedded_pairs import PAIRS, ROWS, EmbeddedPair
-from pfd_core.simulation.flags import any_of, both, either, negated, sign_of
+from pfd_core.simulation.flags import (
+    Inputs,
+    Outputs,
+    any_of,
+    both,
+    either,
+    negated,
+    record,
+    sign_of,
+)
 from pfd_core.simulation.native import EventWriter, event_programs, write_functions
 from pfd_core.simulation.stages import Segment, added
 from pfd_core.simulation.step_control import control_programs
@@ -99,7 +108,9 @@ def _programs(law: Law, segment: Segment, pair: EmbeddedPair) -> dict[str, Progr
     found = control_programs(pair, law.n)
     if has_contact(law.plant):
         found |= event_programs(law, segment)
-        found |= {'look': _look(law.n), 'looked': _looked(law), 'noted': _noted(law)}
+        n, m = law.n, len(law.margins)
+        found['look'], found['looked'] = record(n, _look), record(n, _looked, law)
+        found['noted'] = record(n, _noted, law, fired=m)
     else:
         found |= segment.programs()
     for name in (f'stage{pair.end}', 'commit', 'unfinished'):
@@ -228,11 +239,11 @@ class AdaptiveWriter(EventWriter):
         s.fill('part', 0.0, 1)
         with s.while_any('looks', LOOKS):
             s.run('look')
-            own = {name: f'{name}.look' for name in ('lambda', 'loose', 'turns', 'slack', 'seek')}
+            own = {name: f'{name}.look' for name in ('loose', 'turns', 'slack', 'seek')}
             s.fill('loose.look', 0.0, 1)
             with s.when_any('held'):
                 self._rest(s, 'look', 'q.look', 'qd.look', 'tau')
-                s.run('loose', **own, **{'y.end': 'y.look'})
+                s.run('loose', torque='lambda.look', **own, **{'y.end': 'y.look'})
             before = {'q': 'q.before', 'qd': 'qd.before', 'r': 'r.look', 'event': 'seek.look'}
             s.run('detect', **own, **before, **{'q.end': 'q.look', 'qd.end': 'qd.look'})
             s.run('looked')
@@ -325,74 +336,68 @@ def _nothing(code: Code, nothing: str, values: Sequence[str]) -> str:
     return nothing
 
 
-def _look(n: int) -> Program:
+def _look(at: Inputs) -> Outputs:
     """
-    Return the program of the state at the next part of a step, q.look and qd.look.
+    Return the state at the next part of a step, q.look and qd.look.
 
-    The last one is moved to q.before and qd.before. Output r.look, (1,), is the time between.
+    The last one is moved to q.before and qd.before. Output r.look is the time between.
     """
-    recorder = Recorder(1, 'sequential')
-    (part, r) = single(recorder, 'part', 'r')
+    part, r = at.single('part', 'r')
     part = part + 1 / LOOKS
     rest = 1.0 - part
-    outputs = {'part': [part], 'r.look': [r * (1 / LOOKS)]}
+    outputs: dict[str, Any] = {'part': part, 'r.look': r * (1 / LOOKS)}
     for name in MOTION:
-        begin, end, before = read(recorder, n, name, f'{name}.end', f'{name}.look')
-        rows = read(recorder, n, *(f'dense{k}.{name}' for k in range(ROWS)))
-        rise = [recorder.constant(0.0)] * n
+        begin, end, before = at.rows(name, f'{name}.end', f'{name}.look')
+        rows = at.rows(*(f'dense{k}.{name}' for k in range(ROWS)))
+        rise = [at.recorder.constant(0.0)] * len(begin)
         for k in reversed(range(ROWS)):
             factor = part if k % 2 == 0 else rest
             rise = [factor * (x + row) for x, row in zip(rise, rows[k], strict=True)]
-        at = added(begin, rise)
-        outputs[f'{name}.look'] = [where(rest, *x) for x in zip(at, end, strict=True)]
+        now = zip(added(begin, rise), end, strict=True)
+        outputs[f'{name}.look'] = [where(rest, *x) for x in now]
         outputs[f'{name}.before'] = before
-    return recorder.program(**outputs)
+    return outputs
 
 
-def _looked(law: Law) -> Program:
+def _looked(law: Law, at: Inputs) -> Outputs:
     """
-    Return the program of what follows a look.
+    Return what follows a look.
 
     Outputs are `looks`, whether there is another one; `found`, whether a margin was below zero;
     and then r, shortened, and `shorter`, whether it is. A step from which a margin at the end does
     not tell an event ends before it: where a joint has turned in front of its stop, or begins
     beyond it, so that it has another stop until it is back.
     """
-    recorder = Recorder(1, 'sequential')
-    part, r, found = single(recorder, 'part', 'r', 'seek.look')
-    q, turns = read(recorder, law.n, 'q', 'turns.look')
-    beyond = [sign_of(s * (x - q[i])) for i, stops in enumerate(law.stops) for s, x in stops]
-    before = both(any_of([*turns, *beyond]), sign_of(part - 1.5 / LOOKS))
+    part, r, found = at.single('part', 'r', 'seek.look')
+    beyond = [sign_of(s * (x - at.q[i])) for i, stops in enumerate(law.stops) for s, x in stops]
+    before = both(any_of([*at.turns_look, *beyond]), sign_of(part - 1.5 / LOOKS))
     part = where(before, part - 1 / LOOKS, part)
     shorter = both(found, sign_of(1.0 - part))
-    return recorder.program(
-        looks=[both(negated(found), sign_of(1.0 - part))],
-        found=[found],
-        r=[where(shorter, part * r, r)],
-        shorter=[shorter],
-    )
+    return {
+        'looks': both(negated(found), sign_of(1.0 - part)),
+        'found': found,
+        'r': where(shorter, part * r, r),
+        'shorter': shorter,
+    }
 
 
-def _noted(law: Law) -> Program:
+def _noted(law: Law, at: Inputs) -> Outputs:
     """
-    Return the program of the flags after a step.
+    Return the flags after a step.
 
     Outputs, (1,): `happened`, whether an event ended it that a user knows, and `settles`, whether
     the modes may change; (n,), sticks: only for a step of no length.
     """
-    recorder = Recorder(1, 'sequential')
-    (fired,) = read(recorder, len(law.margins), 'fired')
-    sticks, moving, unbraked = read(recorder, law.n, 'sticks', 'moving', 'unbraked')
-    event, r, span, moved = single(recorder, 'event', 'r', 'span', 'moved')
+    event, r, span, moved = at.single('event', 'r', 'span', 'moved')
     known = []
-    for margin, flag in zip(law.margins, fired, strict=True):
+    for margin, flag in zip(law.margins, at.fired, strict=True):
         i = margin.joint
         if not margin.stops and i not in law.rough:
-            flag = both(flag, rests(unbraked[i], moving[i]))
+            flag = both(flag, rests(at.unbraked[i], at.moving[i]))
         known.append(flag)
     at_once = both(event, negated(r - span * law.short))
-    return recorder.program(
-        happened=[both(event, both(moved, any_of(known)))],
-        settles=[either(event, any_of(sticks))],
-        sticks=[both(at_once, flag) for flag in sticks],
-    )
+    return {
+        'happened': both(event, both(moved, any_of(known))),
+        'settles': either(event, any_of(at.sticks)),
+        'sticks': [both(at_once, flag) for flag in at.sticks],
+    }

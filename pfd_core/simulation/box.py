@@ -38,8 +38,6 @@ A joint that bounces with e < 1 comes to rest after infinitely many bounces in a
 bounce with the velocity v and the acceleration a into the stop has the height v^2 / (2 |a|). Below
 LEAST_HEIGHT it does not happen: the joint ends the impact at its stop, at rest, where the stop
 holds it from then on.
-
-One register holds one number; flags are 1 or 0.
 """
 
 from __future__ import annotations
@@ -50,10 +48,12 @@ import numpy as np
 
 from pfd_core.dynamics.numbers import Numbers
 from pfd_core.machine.lanes import absolute, sqrt, where
-from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.simulation.dry import LEAST_HEIGHT, Law, read, single
+from pfd_core.machine.recorder import Lanes
+from pfd_core.simulation.dry import LEAST_HEIGHT, Law
 from pfd_core.simulation.flags import (
+    Inputs,
+    Outputs,
+    Row,
     any_of,
     both,
     either,
@@ -71,109 +71,70 @@ PIVOTS = 4
 ROUNDINGS = 4
 
 
-class _ActiveSet:
-    """The inputs of a change of the active set, and the joints that may have one."""
-
-    def __init__(self, n: int) -> None:
-        recorder = self.recorder = Recorder(1, 'sequential')
-        rows = ('x', 'torque', 'load', 'candidate', 'lower', 'upper')
-        self.x, torque, load, candidate, lower, upper = read(recorder, n, *rows)
-        names = ('moving', 'direction', 'barred')
-        self.moving, self.direction, self.barred = read(recorder, n, *names)
-        (self.busy,) = single(recorder, 'busy')
-        # Released joints whose x has the wrong sign.
-        self.wrong = [
-            both(both(candidate[i], self.moving[i]), negated(self.direction[i] * self.x[i]))
-            for i in range(n)
-        ]
-        # By how much the lambda of each joint at rest is above its bounds, and below.
-        lam = [t - c for t, c in zip(torque, load, strict=True)]
-        self.waits = [
-            both(both(candidate[i], negated(self.moving[i])), negated(self.barred[i]))
-            for i in range(n)
-        ]
-        self.above = [lam[i] - upper[i] for i in range(n)]
-        self.below = [lower[i] - lam[i] for i in range(n)]
-
-
-def record_wrong(n: int) -> Program:
-    """Return the program of `busy`, (1,): whether `pivot` has a change; inputs are the same."""
-    now = _ActiveSet(n)
-    outside = [
-        both(waits, either(sign_of(above), sign_of(below)))
-        for waits, above, below in zip(now.waits, now.above, now.below, strict=True)
-    ]
-    return now.recorder.program(busy=[both(now.busy, any_of([*now.wrong, *outside]))])
-
-
-def record_pivot(n: int) -> Program:
+def wrong(at: Inputs) -> Outputs:
     """
-    Return the program of one change of the active set.
+    Return what is wrong with an active set.
 
-    Inputs, (n,): x, the solution for the set, torque = H x + bias, load = c + bias, and the
-    outputs of dry.record_modes and dry.record_directions. Outputs are the changed ones of these.
+    x is the solution for the set, torque = H x + bias, load = c + bias; the others are outputs of
+    dry.modes and dry.directions. Outputs are `wrong`, released joints whose x has the wrong sign;
+    `excess`, by how much lambda is beyond a bound, and `side`, the direction to which this bound
+    releases the joint; and `busy`, whether there are any.
     """
-    now = _ActiveSet(n)
-    recorder, x, moving, direction, barred = (
-        now.recorder,
-        now.x,
-        now.moving,
-        now.direction,
-        now.barred,
-    )
-    (last,) = read(recorder, n, 'last')
-    zero, one = recorder.constant(0.0), recorder.constant(1.0)
+    (busy,) = at.single('busy')
+    signs, excess, side = [], [], []
+    for i, flag in enumerate(at.candidate):
+        signs.append(both(both(flag, at.moving[i]), negated(at.direction[i] * at.x[i])))
+        waits = both(both(flag, negated(at.moving[i])), negated(at.barred[i]))
+        lam = at.torque[i] - at.load[i]
+        above, below = lam - at.upper[i], at.lower[i] - lam
+        excess.append(where(waits, where(above - below, above, below), 0.0))
+        side.append(where(above, -1.0, 1.0))
+    found = both(busy, any_of([*signs, *map(sign_of, excess)]))
+    return {'wrong': signs, 'excess': excess, 'side': side, 'busy': found}
 
+
+def pivot(at: Inputs) -> Outputs:
+    """Return an active set after one change, from the outputs of `wrong`."""
+    (busy,) = at.single('busy')
+    x, last, moving, direction, barred = at.x, at.last, at.moving, at.direction, at.barred
     # The fraction of the step to x at which the first released joint comes to zero.
-    ways = [last[i] - x[i] for i in range(n)]
-    shares = [where(absolute(ways[i]), last[i] / ways[i], 0.0) for i in range(n)]
-    parts = [where(now.wrong[i], shares[i], 2.0) for i in range(n)]
+    ways = [a - b for a, b in zip(last, x, strict=True)]
+    shares = [where(absolute(way), a / way, 0.0) for a, way in zip(last, ways, strict=True)]
+    parts = [where(flag, share, 2.0) for flag, share in zip(at.wrong, shares, strict=True)]
     part = smallest(parts)
     blocked = sign_of(2.0 - part)
-    held_again = list(map(both, first_equal(parts, part), [blocked] * n))
-    halfway = [where(held_again[i], 0.0, last[i] + part * (x[i] - last[i])) for i in range(n)]
-
-    # The sticking joint whose lambda exceeds its bounds most.
-    excess = [
-        where(waits, where(above - below, above, below), 0.0)
-        for waits, above, below in zip(now.waits, now.above, now.below, strict=True)
-    ]
-    most = largest(excess)
-    goes_on = either(blocked, sign_of(most))
-    released = list(map(both, first_equal(excess, most), [sign_of(most)] * n))
-
-    def chosen(old: Lanes, blocked_value: Lanes, other: Lanes) -> Lanes:
-        result: Lanes = where(now.busy, where(blocked, blocked_value, other), old)
-        return result
-
-    sign = [where(above, -1.0, 1.0) for above in now.above]
-    again = [where(held_again[i], 0.0, moving[i]) for i in range(n)]
-    more = [where(released[i], 1.0, moving[i]) for i in range(n)]
-    sent = [where(released[i], sign[i], direction[i]) for i in range(n)]
-    stuck = [
-        where(held_again[i], where(absolute(last[i]), barred[i], one), barred[i]) for i in range(n)
-    ]
-    back = [where(held_again[i], 0.0, direction[i]) for i in range(n)]
-    return recorder.program(
-        moving=list(map(chosen, moving, again, more)),
-        direction=list(map(chosen, direction, back, sent)),
-        last=list(map(chosen, last, halfway, x)),
-        barred=list(map(chosen, barred, stuck, barred)),
-        busy=[where(now.busy, goes_on, zero)],
-    )
+    # The joint at rest whose lambda exceeds its bounds most.
+    most = largest(at.excess)
+    changed: dict[str, Row] = {'moving': [], 'direction': [], 'last': [], 'barred': []}
+    held_again, released = first_equal(parts, part), first_equal(at.excess, most)
+    for i, (first, worst) in enumerate(zip(held_again, released, strict=True)):
+        again, freed = both(first, blocked), both(worst, sign_of(most))
+        stuck = where(absolute(last[i]), barred[i], 1.0)
+        halfway = where(again, 0.0, last[i] + part * (x[i] - last[i]))
+        # Where a released joint blocks the step, and elsewhere.
+        rows = {
+            'moving': (moving[i], where(again, 0.0, moving[i]), where(freed, 1.0, moving[i])),
+            'direction': (
+                *(direction[i], where(again, 0.0, direction[i])),
+                where(freed, at.side[i], direction[i]),
+            ),
+            'last': (last[i], halfway, x[i]),
+            'barred': (barred[i], where(again, stuck, barred[i]), barred[i]),
+        }
+        for name, (old, at_block, other) in rows.items():
+            changed[name].append(where(busy, where(blocked, at_block, other), old))
+    return changed | {'busy': where(busy, either(blocked, sign_of(most)), 0.0)}
 
 
-def record_hits(law: Law) -> Program:
+def hits(law: Law, at: Inputs) -> Outputs:
     """
-    Return the program of `hits`, (1,): whether any joint moves into its stop.
+    Return `hits`, whether any joint moves into its stop, and q, with these joints on their stops.
 
-    An arm with a complete step waits for the next one, independent of other arms. Output q,
-    (n,), has joints on their stops that have passed them by rounding.
+    Only joints that have passed them by rounding are moved. An arm with a complete step waits for
+    the next one, independent of other arms.
     """
-    n = law.n
-    recorder = Recorder(1, 'sequential')
-    (q, qd), (rest,) = read(recorder, n, 'q', 'qd'), single(recorder, 'rest')
-    into = [both(rest, flag) for flag in law.into_stops(q, qd)]
+    (rest,), q = at.single('rest'), at.q
+    into = [both(rest, flag) for flag in law.into_stops(q, at.qd)]
     on_stops = list(q)
     for i, stops in enumerate(law.stops):
         for _, stop in stops:
@@ -181,88 +142,78 @@ def record_hits(law: Law) -> Program:
             near = max(LEAST_HEIGHT, ROUNDINGS * rounding)
             touches = both(into[i], sign_of(near - absolute(q[i] - stop)))
             on_stops[i] = where(touches, stop, on_stops[i])
-    return recorder.program(q=on_stops, hits=[any_of(into)])
+    return {'q': on_stops, 'hits': any_of(into)}
 
 
-def record_compression(law: Law) -> Program:
+def compression(law: Law, at: Inputs) -> Outputs:
+    """Return the outputs of dry.modes, and directions, at the beginning of a compression."""
+    unbraked, (lower, upper) = at.unbraked, law.at_stops(at.q)
+    candidate = [
+        both(free, either(a, b)) for free, a, b in zip(unbraked, lower, upper, strict=True)
+    ]
+    zeros = [0.0] * law.n
+    return {
+        'direction': zeros,
+        'moving': [where(flag, 0.0, free) for flag, free in zip(candidate, unbraked, strict=True)],
+        'candidate': candidate,
+        'lower': [where(flag, -math.inf, 0.0) for flag in upper],
+        'upper': [where(flag, math.inf, 0.0) for flag in lower],
+        'last': zeros,
+        'barred': zeros,
+        'busy': at.single('hits'),
+    }
+
+
+def impulses(law: Law, at: Inputs) -> Outputs:
     """
-    Return the program of the beginning of a compression.
+    Return `thrown`, E p, and `impulse`, p, after a compression: torque = H v0, load = H qd.
 
-    Inputs are q, unbraked and, (1,), hits. Outputs are as of dry.record_modes.
+    Without any hits p is 0.
     """
-    n = law.n
-    recorder = Recorder(1, 'sequential')
-    (q, unbraked), (hits,) = read(recorder, n, 'q', 'unbraked'), single(recorder, 'hits')
-    zeros = [recorder.constant(0.0)] * n
-    at_lower, at_upper = law.at_stops(q)
-    candidate = [both(unbraked[i], either(at_lower[i], at_upper[i])) for i in range(n)]
-    return recorder.program(
-        direction=zeros,
-        moving=[where(candidate[i], 0.0, unbraked[i]) for i in range(n)],
-        candidate=candidate,
-        lower=[where(at_upper[i], -math.inf, 0.0) for i in range(n)],
-        upper=[where(at_lower[i], math.inf, 0.0) for i in range(n)],
-        last=zeros,
-        barred=zeros,
-        busy=[hits],
-    )
+    (hits,), numbers, p = at.single('hits'), Numbers(at.recorder, law.plant), []
+    for i, flag in enumerate(at.candidate):
+        stopped = both(hits, where(flag, where(at.moving[i], 0.0, 1.0), 0.0))
+        p.append(where(stopped, at.torque[i] - at.load[i], 0.0))
+    thrown = [x * numbers.known('restitution', i) for i, x in enumerate(p)]
+    return {'impulse': p, 'thrown': thrown}
 
 
-def record_impulses(law: Law) -> Program:
+def restitution(law: Law, at: Inputs) -> Outputs:
     """
-    Return the program of `thrown`, E p, and `impulse`, p, (n,), after a compression.
+    Return the velocities after a restitution, qd: those before the impact without a hit.
 
-    Inputs are torque = H v0, load = H qd, candidate, moving and, (1,), hits: without any, p is 0.
+    x is v0, returned = H^-1 E p. Output `still` says whether a joint still moves into its stop.
     """
-    n = law.n
-    recorder = Recorder(1, 'sequential')
-    torque, load, candidate, moving = read(recorder, n, 'torque', 'load', 'candidate', 'moving')
-    (hits,) = single(recorder, 'hits')
-    stopped = [both(hits, where(candidate[i], where(moving[i], 0.0, 1.0), 0.0)) for i in range(n)]
-    p = [where(stopped[i], torque[i] - load[i], 0.0) for i in range(n)]
-    numbers = Numbers(recorder, law.plant)
-    thrown = [p[i] * numbers.known('restitution', i) for i in range(n)]
-    return recorder.program(impulse=p, thrown=thrown)
-
-
-def record_restitution(law: Law) -> Program:
-    """
-    Return the program of the velocities after a restitution.
-
-    Inputs are q, `before`, the velocities before the impact, x = v0, impulse, thrown,
-    returned = H^-1 E p, unbraked and, (1,), hits. Outputs are qd, as before without a hit, and
-    `still`, (1,): whether a joint still moves into its stop.
-    """
-    n = law.n
-    recorder = Recorder(1, 'sequential')
-    names = ('q', 'before', 'x', 'impulse', 'thrown', 'returned', 'unbraked')
-    q, qd, v0, p, thrown, returned, unbraked = read(recorder, n, *names)
-    (hits,) = single(recorder, 'hits')
-    lost = sum((p[i] * (v0[i] - qd[i]) for i in range(1, n)), p[0] * (v0[0] - qd[0]))
-    gained = sum((thrown[i] * returned[i] for i in range(1, n)), thrown[0] * returned[0])
+    (hits,), x, before = at.single('hits'), at.x, at.before
+    lost = _product(at.impulse, [a - b for a, b in zip(x, before, strict=True)])
+    gained = _product(at.thrown, at.returned)
     # Both are above zero but for rounding.
     alpha = where(lost, where(gained - lost, sqrt(lost / gained), 1.0), 0.0)
-    after = [where(hits, v0[i] + alpha * returned[i], qd[i]) for i in range(n)]
-    still = [both(unbraked[i], flag) for i, flag in enumerate(law.into_stops(q, after))]
+    after = [
+        where(hits, v + alpha * back, old)
+        for v, back, old in zip(x, at.returned, before, strict=True)
+    ]
+    still = list(map(both, at.unbraked, law.into_stops(at.q, after)))
     # An arm whose step ended at a stop has its impact in the next one, whatever its neighbours do.
-    return recorder.program(qd=after, still=[both(hits, any_of(still))])
+    return {'qd': after, 'still': both(hits, any_of(still))}
 
 
-def record_settling(n: int) -> Program:
+def _product(a: Row, b: Row) -> Lanes:
+    first, *others = (x * y for x, y in zip(a, b, strict=True))
+    result: Lanes = sum(others, first)
+    return result
+
+
+def settling(at: Inputs) -> Outputs:
     """
-    Return the program of `thrown` without the joints whose bounce is below LEAST_HEIGHT.
+    Return `thrown` without the joints whose bounce is below LEAST_HEIGHT.
 
-    Inputs are thrown, and qd and qdd after the restitution. Output `again`, (1,), says whether
-    there was such a joint.
+    qd and qdd are those after the restitution. Output `again` says whether there was such a joint.
     """
-    recorder = Recorder(1, 'sequential')
-    qd, qdd, thrown = read(recorder, n, 'qd', 'qdd', 'thrown')
     settles = []
-    for v, a, impulse in zip(qd, qdd, thrown, strict=True):
+    for v, a, impulse in zip(at.qd, at.qdd, at.thrown, strict=True):
         returns = both(sign_of(absolute(impulse)), sign_of(-(v * a)))
         low = sign_of((2.0 * LEAST_HEIGHT) * absolute(a) - v * v)
         settles.append(both(returns, low))
-    return recorder.program(
-        thrown=[where(flag, 0.0, p) for flag, p in zip(settles, thrown, strict=True)],
-        again=[any_of(settles)],
-    )
+    kept = [where(flag, 0.0, p) for flag, p in zip(settles, at.thrown, strict=True)]
+    return {'thrown': kept, 'again': any_of(settles)}

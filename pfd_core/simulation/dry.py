@@ -27,7 +27,6 @@ it only after a reversal, so its stops share one, too. A joint without friction 
 beyond its stop, has a reversal: the search for an event then begins where it has turned. At the
 event the velocity is 0.0, or the position the stop, exactly.
 
-One register holds one number; flags are 1 or 0.
 """
 
 from __future__ import annotations
@@ -41,12 +40,20 @@ from pfd_core.dynamics.numbers import Numbers
 from pfd_core.forking import cached_property
 from pfd_core.kernels.simulate import UNFINISHED
 from pfd_core.machine.lanes import absolute, where
-from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.machine.recorder import Lanes
 from pfd_core.model.plant import Plant, has_drives
-from pfd_core.simulation.flags import any_of, both, either, largest, negated, sign_of
+from pfd_core.simulation.flags import (
+    Inputs,
+    Outputs,
+    Row,
+    any_of,
+    both,
+    either,
+    largest,
+    negated,
+    sign_of,
+)
 
-Row = list[Lanes]
 Stop = tuple[float, float]  # the sign of the position in the margin, and the position
 # A joint is released where lambda exceeds its bound by so many roundings of the largest torque:
 # the modes that follow then release it, too.
@@ -161,12 +168,12 @@ class Law:
         """Return the largest friction of a joint at rest, under a motor's torque."""
         return self._with_load(i, 'static_friction', tau)
 
-    def resting_torques(self, recorder: Recorder, name: str) -> Row:
-        """Return an array as the motor torques of joints at rest: `load` takes nothing there."""
+    def bounds(self, at: Inputs, name: str) -> Row:
+        """Return the same of all joints, under an array of torques of the motors."""
         # Only friction that depends on them needs the array.
-        return (
-            read(recorder, self.n, name)[0] if self.loaded else [recorder.constant(0.0)] * self.n
-        )
+        zeros = [at.recorder.constant(0.0)] * self.n
+        torques = getattr(at, name) if self.loaded else zeros
+        return [self.bound(i, tau) for i, tau in enumerate(torques)]
 
     def _with_load(self, i: int, field: str, tau: Lanes) -> Lanes:
         size, share = tau.recorder.constant(0.0), self.share(i)
@@ -204,90 +211,66 @@ class Law:
         ]
 
 
-def read(recorder: Recorder, n: int, *names: str) -> list[Row]:
-    """Return some inputs of n numbers."""
-    return [recorder.input_list(name, n) for name in names]
+def load(law: Law, damped: bool, at: Inputs) -> Outputs:
+    """Return y from the torques tau of motors; see Law.load."""
+    return {'y': law.load(at.tau, at.qd, at.direction, damped)}
 
 
-def single(recorder: Recorder, *names: str) -> Row:
-    """Return some inputs of one number."""
-    return [recorder.input_list(name, 1)[0] for name in names]
-
-
-def record_load(law: Law, damped: bool) -> Program:
-    """Return the program of y, (n,), from torques tau of the motors, qd and direction."""
-    recorder = Recorder(1, 'sequential')
-    tau, qd, direction = read(recorder, law.n, 'tau', 'qd', 'direction')
-    return recorder.program(y=law.load(tau, qd, direction, damped))
-
-
-def record_watch(law: Law) -> Program:
+def watch(law: Law, at: Inputs) -> Outputs:
     """
-    Return the program of `watch`, (1,): whether a joint may be at rest or at a stop.
+    Return `watch`: whether a joint may be at rest or at a stop.
 
     If it is 0, the programs for such joints are skipped.
     """
-    recorder = Recorder(1, 'sequential')
-    q, qd = read(recorder, law.n, 'q', 'qd')
-    flags = [negated(qd[i] * qd[i]) for i in law.rough]
-    flags += [negated(s * (q[i] - x)) for i, stops in enumerate(law.stops) for s, x in stops]
-    return recorder.program(watch=[any_of(flags)])
+    flags = [negated(at.qd[i] * at.qd[i]) for i in law.rough]
+    flags += [negated(s * (at.q[i] - x)) for i, stops in enumerate(law.stops) for s, x in stops]
+    return {'watch': any_of(flags)}
 
 
-def record_directions(n: int) -> Program:
-    """Return the program of `direction`, (n,), the signs of the velocities qd."""
-    recorder = Recorder(1, 'sequential')
-    (qd,) = read(recorder, n, 'qd')
-    direction = [where(v, 1.0, where(-v, -1.0, 0.0)) for v in qd]
-    return recorder.program(direction=direction)
+def directions(at: Inputs) -> Outputs:
+    """Return `direction`, the signs of the velocities."""
+    return {'direction': [where(v, 1.0, where(-v, -1.0, 0.0)) for v in at.qd]}
 
 
-def record_modes(law: Law) -> Program:
+def modes(law: Law, at: Inputs) -> Outputs:
     """
-    Return the program of the modes in which a segment begins, for the box problem.
+    Return the modes in which a segment begins, for the box problem.
 
-    Inputs are q, qd, unbraked, 0 for a braked joint, and sticks, flags of the joints that are not
-    released in this step; and, if friction depends on load, y.begin, outputs of `load`. Outputs,
-    (n,): moving, 0 for a braked or resting joint; candidate, joints that may rest; lower and
-    upper, the bounds of a candidate's lambda; last and barred, zeros. Output, (1,): busy, whether
+    `unbraked` is 0 for a braked joint, and `sticks` flags joints that are not released in this
+    step. Outputs are moving, 0 for a braked or resting joint; candidate, joints that may rest;
+    lower and upper, the bounds of a candidate's lambda; last and barred, zeros; and busy, whether
     any joint is a candidate.
     """
-    recorder, n = Recorder(1, 'sequential'), law.n
-    q, qd, unbraked, sticks = read(recorder, n, 'q', 'qd', 'unbraked', 'sticks')
-    zero = recorder.constant(0.0)
-    bound = [law.bound(i, t) for i, t in enumerate(law.resting_torques(recorder, 'y.begin'))]
-    low, high = law.at_stops(q)
+    unbraked, bound = at.unbraked, law.bounds(at, 'y_begin')
+    low, high = law.at_stops(at.q)
     candidate = []
-    for i, v in enumerate(qd):
+    for i, v in enumerate(at.qd):
         # A motor without torque, whose friction is zero, may have one in a moment.
-        rough = recorder.constant(1.0) if law.share(i) else sign_of(bound[i])
+        rough = v.recorder.constant(1.0) if law.share(i) else sign_of(bound[i])
         holds = either(rough, either(low[i], high[i]))
         candidate.append(both(unbraked[i], both(negated(absolute(v)), holds)))
-    below, above = (list(map(either, sticks, side)) for side in (high, low))
-    return recorder.program(
-        moving=[where(flag, 0.0, free) for flag, free in zip(candidate, unbraked, strict=True)],
-        candidate=candidate,
-        lower=[where(flag, -math.inf, -f) for flag, f in zip(below, bound, strict=True)],
-        upper=[where(flag, math.inf, f) for flag, f in zip(above, bound, strict=True)],
-        last=[zero] * n,
-        barred=[zero] * n,
-        busy=[any_of(candidate)],
-    )
+    below, above = (list(map(either, at.sticks, side)) for side in (high, low))
+    return {
+        'moving': [where(flag, 0.0, free) for flag, free in zip(candidate, unbraked, strict=True)],
+        'candidate': candidate,
+        'lower': [where(flag, -math.inf, -f) for flag, f in zip(below, bound, strict=True)],
+        'upper': [where(flag, math.inf, f) for flag, f in zip(above, bound, strict=True)],
+        'last': [0.0] * law.n,
+        'barred': [0.0] * law.n,
+        'busy': any_of(candidate),
+    }
 
 
-def record_held(n: int) -> Program:
-    """Return the program of `held`, (1,), whether a joint is held, and `slides`, if none is."""
-    recorder = Recorder(1, 'sequential')
-    moving, unbraked = read(recorder, n, 'moving', 'unbraked')
-    held = any_of(list(map(rests, unbraked, moving)))
-    return recorder.program(held=[held], slides=[negated(held)])
+def held(at: Inputs) -> Outputs:
+    """Return `held`, whether a joint is held, and `slides`, if none is."""
+    found = any_of(list(map(rests, at.unbraked, at.moving)))
+    return {'held': found, 'slides': negated(found)}
 
 
-def record_chosen(n: int) -> Program:
-    """Return the program of y, (n,): x for an arm with the flag `on`, (1,), else as before."""
-    recorder = Recorder(1, 'sequential')
-    (y, x), (on,) = read(recorder, n, 'y', 'x'), single(recorder, 'on')
-    return recorder.program(y=[where(on, b, a) for a, b in zip(y, x, strict=True)])
+def chosen(at: Inputs) -> Outputs:
+    """Return y: x for an arm with the flag `on`, else as before."""
+    (on,) = at.single('on')
+    return {'y': [where(on, b, a) for a, b in zip(at.y, at.x, strict=True)]}
 
 
 def rests(unbraked: Lanes, moving: Lanes) -> Lanes:
@@ -303,187 +286,152 @@ def _stop_of(margin: Margin, q: Lanes, direction: Lanes) -> tuple[Lanes, Lanes]:
     return side, where(side * (q - stop), stop, q)
 
 
-class _Segment:
-    """The inputs of margins at a time of a segment, and the margins."""
-
-    def __init__(self, law: Law) -> None:
-        self.law, self.recorder, n = law, Recorder(1, 'sequential'), law.n
-        self.q0, self.q, self.v = read(self.recorder, n, 'q', 'q.end', 'qd.end')
-        self.direction, self.moving, self.unbraked, self.sticks = read(
-            self.recorder, n, 'direction', 'moving', 'unbraked', 'sticks'
-        )
-        (self.torque,) = read(self.recorder, n, 'lambda')
-        self.y = law.resting_torques(self.recorder, 'y.end')
-        self.sides = law.at_stops(self.q0)
-
-    def resting(self, i: int) -> Lanes:
-        """Return whether a joint rests."""
-        return rests(self.unbraked[i], self.moving[i])
-
-    def reversal(self, i: int) -> tuple[Lanes, Lanes]:
-        """Return whether the reversal of a joint has a part in the segment, and its margin."""
-        direction = self.direction[i]
-        return both(self.moving[i], absolute(direction)), direction * self.v[i]
-
-    def release(self, i: int, slack: Lanes) -> tuple[Lanes, Lanes]:
-        """Return the same of its release, by what lambda may exceed its bounds."""
-        low, high, torque = self.sides[0][i], self.sides[1][i], self.torque[i]
-        bounded = either(self.sticks[i], both(low, high))
-        toward = where(low, -torque, where(high, torque, absolute(torque)))
-        on = both(self.resting(i), negated(bounded))
-        return on, (self.law.bound(i, self.y[i]) + slack) - toward
-
-    def stop(self, margin: Margin, q: Lanes) -> tuple[Lanes, Lanes]:
-        """Return the sign of the margin of a stop, and the margin of a joint at q."""
-        i = margin.joint
-        side, stop = _stop_of(margin, self.q0[i], self.direction[i])
-        return side, side * (q - stop)
+def _reversal(direction: Lanes, moving: Lanes, v: Lanes) -> tuple[Lanes, Lanes]:
+    """Return whether the reversal of a joint has a part in the segment, and its margin."""
+    return both(moving, absolute(direction)), direction * v
 
 
-def record_detect(law: Law) -> Program:
+def _release(law: Law, i: int, at: Inputs, slack: Lanes) -> tuple[Lanes, Lanes]:
+    """Return the same of the release of a joint, by what lambda may exceed its bounds."""
+    (low, high), torque = (side[i] for side in law.at_stops(at.q)), at.torque[i]
+    bounded = either(at.sticks[i], both(low, high))
+    toward = where(low, -torque, where(high, torque, absolute(torque)))
+    on = both(rests(at.unbraked[i], at.moving[i]), negated(bounded))
+    return on, (law.bounds(at, 'y_end')[i] + slack) - toward
+
+
+def _stop(margin: Margin, begin: Lanes, direction: Lanes, q: Lanes) -> tuple[Lanes, Lanes]:
+    """Return the sign of the margin of a stop, and the margin of a joint at q."""
+    side, stop = _stop_of(margin, begin, direction)
+    return side, side * (q - stop)
+
+
+def detect(law: Law, at: Inputs) -> Outputs:
     """
-    Return the program of `seek` and `event`, (1,): whether a segment has an event in it.
+    Return `seek` and `event`: whether a segment has an event in it.
 
-    Inputs are qd, rest, r, `loose`, whether a joint is released, and those of `record_margins`.
-    Output `turns`, (n,), flags joints without friction that have turned and may have been beyond
-    their stop: where the tangents of the margin at the beginning and the end meet, it is below
-    zero; or they began beyond it, on their way back, and must not go further from where they turn.
+    `loose` says whether a joint is released. Output `turns` flags joints without friction that
+    have turned and may have been beyond their stop: where the tangents of the margin at the
+    beginning and the end meet, it is below zero; or they began beyond it, on their way back, and
+    must not go further from where they turn.
     """
-    segment, n = _Segment(law), law.n
-    recorder = segment.recorder
-    (v0,), (r, rest, loose) = read(recorder, n, 'qd'), single(recorder, 'r', 'rest', 'loose')
-    turns = [recorder.constant(0.0)] * n
+    r, rest, loose = at.single('r', 'rest', 'loose')
+    q, direction, moving = at.q, at.direction, at.moving
+    turns: list[Lanes | float] = [0.0] * law.n
     flags = [loose]
     for margin in law.margins:
         i = margin.joint
+        v0, v = at.qd[i], at.qd_end[i]
         if not margin.stops:
-            on, value = segment.reversal(i)
+            on, value = _reversal(direction[i], moving[i], v)
             if i in law.rough:
                 flags.append(both(on, sign_of(-value)))
             continue
-        on, (s, value) = segment.moving[i], segment.stop(margin, segment.q[i])
-        flags.append(both(on, sign_of(-value)))
+        s, value = _stop(margin, q[i], direction[i], at.q_end[i])
+        flags.append(both(moving[i], sign_of(-value)))
         if i not in law.rough:
-            _, begin = segment.stop(margin, segment.q0[i])
-            falls, rises = s * v0[i], s * segment.v[i]
+            _, begin = _stop(margin, q[i], direction[i], q[i])
+            falls, rises = s * v0, s * v
             meet = begin * (falls - rises) + falls * ((value - begin) - rises * r)
             dips = both(both(sign_of(-falls), sign_of(rises)), sign_of(meet))
             ((_, place),) = margin.stops
-            back = both(sign_of(s * (place - segment.q0[i])), sign_of(falls))
-            turns[i] = turns[i] + both(on, either(dips, both(back, sign_of(-rises))))
-    seek = both(rest, any_of([*flags, *(turns[i] for i in range(n) if law.stops[i])]))
-    return recorder.program(seek=[seek], event=[seek], turns=turns)
+            back = both(sign_of(s * (place - q[i])), sign_of(falls))
+            turns[i] = turns[i] + both(moving[i], either(dips, both(back, sign_of(-rises))))
+    flags += [x for x in turns if isinstance(x, Lanes)]
+    seek = both(rest, any_of(flags))
+    return {'seek': seek, 'event': seek, 'turns': turns}
 
 
-def record_loose(law: Law) -> Program:
+def loose(law: Law, at: Inputs) -> Outputs:
     """
-    Return the program of `loose`, (1,): whether a joint is released in a segment.
+    Return `loose`: whether a joint is released in a segment, by lambda at its end, `torque`.
 
-    Inputs are those of `record_margins` at the end of the whole segment. Output `slack`, (1,), is
-    what lambda may exceed its bounds by, from the torques there: those at the beginning, of motors
-    with a lag, may all be zero.
+    Output `slack` is what lambda may exceed its bounds by, from the torques there: those at the
+    beginning, of motors with a lag, may all be zero.
     """
-    segment = _Segment(law)
-    (y,) = read(segment.recorder, law.n, 'y.end')
-    greatest = largest([absolute(x) for x in (*segment.torque, *y)])
+    greatest = largest([absolute(x) for x in (*at.torque, *at.y_end)])
     slack = greatest * (law.eps * SLACK[law.dtype])
-    releases = [segment.release(x.joint, slack) for x in law.margins if not x.stops]
-    loose = any_of([both(on, sign_of(-value)) for on, value in releases])
-    return segment.recorder.program(loose=[loose], slack=[slack])
+    releases = [_release(law, x.joint, at, slack) for x in law.margins if not x.stops]
+    flags = [both(on, sign_of(-value)) for on, value in releases]
+    return {'loose': any_of(flags), 'slack': slack}
 
 
-def record_margins(law: Law) -> Program:
+def margins(law: Law, at: Inputs) -> Outputs:
     """
-    Return the program of margins and their slopes at a time of the segment.
+    Return margins and their slopes at a time of a segment that begins at q; `torque` is lambda.
 
-    Inputs are q, the beginning; q.end, qd.end and qdd.end, the state; lambda of joints at rest;
-    direction, moving, unbraked, sticks, turns; and (1,) loose and slack. Outputs, one of each
-    margin: g; d, its slope in time, 0 for a release; and noise, what rounding makes of it. A
-    margin that has no part in the segment is 1, as are all releases unless one is `loose`.
+    Outputs, one of each margin: g; d, its slope in time, 0 for a release; and noise, what rounding
+    makes of it. A margin that has no part in the segment is 1, as are all releases unless one is
+    `loose`.
     """
-    segment, n = _Segment(law), law.n
-    recorder = segment.recorder
-    a, turns = read(recorder, n, 'qdd.end', 'turns')
-    loose, slack = single(recorder, 'loose', 'slack')
+    loose, slack = at.single('loose', 'slack')
+    q, direction, moving = at.q, at.direction, at.moving
     g, d, noise = [], [], []
     for margin in law.margins:
         i = margin.joint
         if margin.stops:
-            on, (side, value) = segment.moving[i], segment.stop(margin, segment.q[i])
-            slope, rough = side * segment.v[i], absolute(segment.q[i]) * law.eps
+            on, (side, value) = moving[i], _stop(margin, q[i], direction[i], at.q_end[i])
+            slope, rough = side * at.qd_end[i], absolute(at.q_end[i]) * law.eps
         else:
-            resting, reversal, release = (
-                segment.resting(i),
-                segment.reversal(i),
-                segment.release(i, slack),
-            )
+            resting = rests(at.unbraked[i], moving[i])
+            turned, reversal = _reversal(direction[i], moving[i], at.qd_end[i])
             if i not in law.rough:
-                reversal = both(reversal[0], turns[i]), reversal[1]
-            release = both(loose, release[0]), release[1]
-            on, value = (where(resting, b, a) for a, b in zip(reversal, release, strict=True))
-            slope = where(resting, 0.0, segment.direction[i] * a[i])
+                turned = both(turned, at.turns[i])
+            freed, release = _release(law, i, at, slack)
+            on = where(resting, both(loose, freed), turned)
+            value = where(resting, release, reversal)
+            slope = where(resting, 0.0, direction[i] * at.qdd_end[i])
             rough = where(resting, slack * 0.5, 0.0)
         g.append(where(on, value, 1.0))
         d.append(where(on, slope, 0.0))
         noise.append(where(on, rough, 0.0))
-    return recorder.program(g=g, d=d, noise=noise)
+    return {'g': g, 'd': d, 'noise': noise}
 
 
-def record_snap(law: Law, compensated: bool) -> Program:
+def snap(law: Law, compensated: bool, at: Inputs) -> Outputs:
     """
-    Return the program of the state at an event.
+    Return the state at an event.
 
     A Taylor step of length delta, in which the search ended; then a velocity of zero, or the
-    position of the stop, exactly, for the margins flagged in `fired`. Inputs are the beginning, q
-    and qd; q.end, qd.end, qdd.end and r; moving, direction, sticks; and (1,) event, delta, and
-    span, the length of the segment. Outputs are the changed ones, with sums of positions also dq
-    and `stopped`. A joint that was at rest and is back at once has been released by rounding
-    alone: it sticks for the rest of the step. One that returns to its stop sooner than a search
-    resolves is at rest there, as is one that falls from below LEAST_HEIGHT, where friction or
-    another joint's event has cut its hop: two joints that throw each other off their stops would
-    do so for ever.
+    position of the stop, exactly, for the margins flagged in `fired`. `span` is the length of the
+    segment. Outputs are the changed ones of the inputs, with sums of positions also dq and
+    `stopped`. A joint that was at rest and is back at once has been released by rounding alone: it
+    sticks for the rest of the step. One that returns to its stop sooner than a search resolves is
+    at rest there, as is one that falls from below LEAST_HEIGHT, where friction or another joint's
+    event has cut its hop: two joints that throw each other off their stops would do so for ever.
     """
-    recorder, n = Recorder(1, 'sequential'), law.n
-    q0, v0, q, v, a, sticks = read(recorder, n, 'q', 'qd', 'q.end', 'qd.end', 'qdd.end', 'sticks')
-    moving, direction = read(recorder, n, 'moving', 'direction')
-    (fired,) = read(recorder, len(law.margins), 'fired')
-    event, delta, r, span = single(recorder, 'event', 'delta', 'r', 'span')
+    event, delta, r, span = at.single('event', 'delta', 'r', 'span')
+    q, moving = at.q, at.moving
     at_once = negated((r + delta) - span * law.short)
-    way = [where(event, delta * (y + (0.5 * delta) * z), 0.0) for y, z in zip(v, a, strict=True)]
-    q = [x + y for x, y in zip(q, way, strict=True)]
-    v = [where(event, y + delta * z, y) for y, z in zip(v, a, strict=True)]
-    stopped = [recorder.constant(0.0)] * n
-    for margin, flag in zip(law.margins, fired, strict=True):
+    states = list(zip(at.qd_end, at.qdd_end, strict=True))
+    way = [where(event, delta * (y + (0.5 * delta) * z), 0.0) for y, z in states]
+    x = [a + b for a, b in zip(at.q_end, way, strict=True)]
+    v = [where(event, y + delta * z, y) for y, z in states]
+    sticks, stopped = list(at.sticks), [at.recorder.constant(0.0)] * law.n
+    for margin, flag in zip(law.margins, at.fired, strict=True):
         i = margin.joint
-        happens, still = both(both(event, flag), moving[i]), negated(absolute(v0[i]))
+        happens, still = both(both(event, flag), moving[i]), negated(absolute(at.qd[i]))
         if margin.stops:
-            _, stop = _stop_of(margin, q0[i], direction[i])
-            away = absolute(q0[i] - stop)
-            low = sign_of((2.0 * LEAST_HEIGHT) * absolute(a[i]) - v[i] * v[i])
+            _, stop = _stop_of(margin, q[i], at.direction[i])
+            away = absolute(q[i] - stop)
+            low = sign_of((2.0 * LEAST_HEIGHT) * absolute(at.qdd_end[i]) - v[i] * v[i])
             returns, hops = negated(away), both(negated(away - LEAST_HEIGHT), low)
-            q[i], still = where(happens, stop, q[i]), both(still, returns)
+            x[i], still = where(happens, stop, x[i]), both(still, returns)
             v[i] = where(both(both(happens, at_once), either(returns, hops)), 0.0, v[i])
             stopped[i] = either(stopped[i], happens)
         else:
             v[i] = where(happens, 0.0, v[i])
         sticks[i] = where(both(happens, still), 1.0, sticks[i])
-    outputs = {'q.end': q, 'qd.end': v, 'sticks': sticks, 'r': [where(event, r + delta, r)]}
+    outputs = {'q.end': x, 'qd.end': v, 'sticks': sticks, 'r': [where(event, r + delta, r)]}
     if compensated:
-        (dq,) = read(recorder, n, 'dq')
-        outputs |= {'dq': [x + y for x, y in zip(dq, way, strict=True)], 'stopped': stopped}
-    return recorder.program(**outputs)
+        outputs |= {'dq': [a + b for a, b in zip(at.dq, way, strict=True)], 'stopped': stopped}
+    return outputs
 
 
-def record_unfinished(n: int) -> Program:
-    """
-    Return the program of a step that had too many events; inputs are qd, unfinished and rest.
-
-    Outputs are qd, NaN, and unfinished, 1, for an arm whose step is incomplete.
-    """
-    recorder = Recorder(1, 'sequential')
-    qd, unfinished = read(recorder, n, 'qd', UNFINISHED)
-    (rest,) = single(recorder, 'rest')
-    return recorder.program(
-        qd=[where(rest, math.nan, v) for v in qd],
-        unfinished=[where(rest, 1.0, flag) for flag in unfinished],
-    )
+def unfinished(at: Inputs) -> Outputs:
+    """Return qd, NaN, and unfinished, 1, for an arm whose step had too many events."""
+    (rest,) = at.single('rest')
+    return {
+        'qd': [where(rest, math.nan, v) for v in at.qd],
+        UNFINISHED: [where(rest, 1.0, flag) for flag in at.unfinished],
+    }

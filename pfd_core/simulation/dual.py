@@ -23,6 +23,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 from pfd_core.kernels.script import Frame, Script
 from pfd_core.kernels.simulate import MOTOR_TORQUE, Steps
@@ -30,10 +31,9 @@ from pfd_core.kernels.simulations import StepCode, Writer
 from pfd_core.kernels.tangents import HAPPENED, DualScript, of
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Recorder
 from pfd_core.model.plant import Plant
-from pfd_core.simulation.dry import Law, read, single
-from pfd_core.simulation.flags import any_of, both, either, negated
+from pfd_core.simulation.dry import Law
+from pfd_core.simulation.flags import Inputs, Outputs, any_of, both, either, negated, record
 from pfd_core.simulation.native import EventWriter, step_code
 
 # The part of a segment that is left of an event where the search ends.
@@ -43,7 +43,7 @@ CONSTANT = (
     *('free', 'wrench', 'unbraked', 'moving', 'direction', 'sticks', 'turns', 'zero'),
     *('candidate', 'lower', 'upper', 'last', 'barred', 'busy', 'watch', 'held', 'slides', 'hits'),
     *('still', 'again', 'loose', 'slack', 'seek', 'event', 'fired', 'stopped', 'noise', 'd'),
-    *('delta', 'span', 'unfinished', 'on'),
+    *('delta', 'span', 'unfinished', 'on', 'wrong', 'excess', 'side'),
 )
 # Programs of the search, and of a joint that is put onto its stop by rounding.
 PLAIN = ('bracket', 'narrow', 'aim', 'hits', 'reach', 'shift', 'closing', 'braked')
@@ -57,72 +57,62 @@ def dual_step(plant: Plant, integrator: str, h: float) -> StepCode:
 
 
 def _programs(step: StepCode) -> dict[str, Program]:
-    plant, found = step.plant, step.programs()
+    plant, found, n = step.plant, step.programs(), step.plant.robot.n
     if step.contact:
-        found |= {'reach': record_reach(), 'shift': record_shift(Law(plant, 'float64'))}
+        law = Law(plant, 'float64')
+        sizes = dict.fromkeys((of('g'), 'g.r', 'fired'), len(law.margins))
+        found |= {'reach': record(n, _reach), 'shift': record(n, _shift, law, **sizes)}
     if plant.brakes:
-        n = plant.robot.n
-        found |= {'closing': record_closing(n), 'braked': record_braked(n)}
+        found |= {'closing': record(n, _closing), 'braked': record(n, _braked)}
     return found
 
 
-def record_reach() -> Program:
-    """Return the program of r, (1,), at the event, where a Taylor step delta would arrive."""
-    recorder = Recorder(1, 'sequential')
-    r, delta = single(recorder, 'r', 'delta')
-    return recorder.program(r=[r + delta], delta=[recorder.constant(0.0)])
+def _reach(at: Inputs) -> Outputs:
+    """Return r at the event, where a Taylor step delta would arrive."""
+    r, delta = at.single('r', 'delta')
+    return {'r': r + delta, 'delta': 0.0}
 
 
-def record_shift(law: Law) -> Program:
+def _shift(law: Law, at: Inputs) -> Outputs:
     """
-    Return the program of the tangents at the event.
+    Return the tangents at the event.
 
     Inputs are those at a segment of fixed length, q.end.d, qd.end.d and g.d; the slopes along r,
     q.r, qd.r and g.r; `fired`, flags of the margins; and `happened`. Outputs are the tangents of
     the end and of r, and `happened`, flags of the joints that had an event.
     """
-    recorder, n = Recorder(1, 'sequential'), law.n
-    ends = read(recorder, n, of('q.end'), of('qd.end'), 'q.r', 'qd.r', HAPPENED)
-    dq, dqd, q_r, qd_r, happened = ends
-    dg, g_r, fired = read(recorder, len(law.margins), of('g'), 'g.r', 'fired')
-    dr = taken = recorder.constant(0.0)
-    for margin, change, slope, flag in zip(law.margins, dg, g_r, fired, strict=True):
+    (dg,), happened = at.rows(of('g')), list(at.happened)
+    dr = taken = at.recorder.constant(0.0)
+    for margin, change, slope, flag in zip(law.margins, dg, at.g_r, at.fired, strict=True):
         first = both(flag, negated(taken))
         dr, taken = where(first, -change / slope, dr), either(taken, flag)
         happened[margin.joint] = either(happened[margin.joint], flag)
-    outputs = {
-        of('q.end'): [x + dr * slope for x, slope in zip(dq, q_r, strict=True)],
-        of('qd.end'): [x + dr * slope for x, slope in zip(dqd, qd_r, strict=True)],
-        of('r'): [dr],
-        HAPPENED: happened,
-    }
-    return recorder.program(**outputs)
+    outputs: dict[str, Any] = {of('r'): dr, HAPPENED: happened}
+    for name, slopes in (('q.end', at.q_r), ('qd.end', at.qd_r)):
+        (tangents,) = at.rows(of(name))
+        outputs[of(name)] = [x + dr * slope for x, slope in zip(tangents, slopes, strict=True)]
+    return outputs
 
 
-def record_closing(n: int) -> Program:
-    """Return the program of `closing`, (1,): whether a joint is braked."""
-    recorder = Recorder(1, 'sequential')
-    (free,) = read(recorder, n, 'free')
-    return recorder.program(closing=[any_of([negated(x) for x in free])])
+def _closing(at: Inputs) -> Outputs:
+    """Return `closing`, whether a joint is braked."""
+    return {'closing': any_of([negated(x) for x in at.free])}
 
 
-def record_braked(n: int) -> Program:
+def _braked(at: Inputs) -> Outputs:
     """
-    Return the program of velocities, (n,), after the impulses of brakes, and their tangents.
+    Return velocities after the impulses of brakes, and their tangents.
 
-    Inputs are free, qd, and after = H^-1 H qd of the free joints with its tangents. Where no
-    braked joint moves, velocities stay as they are.
+    Input after = H^-1 H qd of the free joints. Where no braked joint moves, velocities stay as
+    they are.
     """
-    recorder = Recorder(1, 'sequential')
-    free, qd, after, tangents = read(recorder, n, 'free', 'qd', 'after', of('after'))
+    (free, qd), (tangents,) = (at.free, at.qd), at.rows(of('after'))
     moves = any_of([both(negated(x), absolute(v)) for x, v in zip(free, qd, strict=True)])
-    found = [where(moves, new, old) for new, old in zip(after, qd, strict=True)]
-    return recorder.program(
-        **{
-            'qd': [where(x, v, 0.0) for x, v in zip(free, found, strict=True)],
-            of('qd'): [where(x, d, 0.0) for x, d in zip(free, tangents, strict=True)],
-        },
-    )
+    found = [where(moves, new, old) for new, old in zip(at.after, qd, strict=True)]
+    return {
+        'qd': [where(x, v, 0.0) for x, v in zip(free, found, strict=True)],
+        of('qd'): [where(x, d, 0.0) for x, d in zip(free, tangents, strict=True)],
+    }
 
 
 def _with_brakes(

@@ -1,13 +1,56 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Flags, 1 or 0, in recorded programs: one register holds one number."""
+"""
+Recorded programs from functions of their inputs, and flags in them.
+
+One register holds one number; flags are 1 or 0.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from pfd_core.machine.lanes import absolute, where
-from pfd_core.machine.recorder import Lanes
+from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import Lanes, Recorder
+
+Row = list[Lanes]
+# Rows, or single numbers, by name.
+Outputs = Mapping[str, Sequence[Lanes | float] | Lanes | float]
+
+
+class Inputs:
+    """
+    The inputs of a program, while it is recorded.
+
+    An attribute is a row of n numbers, or as many as `sizes` says: `at.q_end` is the input q.end.
+    """
+
+    def __init__(self, n: int, sizes: Mapping[str, int]) -> None:
+        self._n, self._sizes, self.recorder = n, sizes, Recorder(1, 'sequential')
+
+    def __getattr__(self, name: str) -> Row:
+        (row,) = self.rows(name.replace('_', '.'))
+        self.__dict__[name] = row
+        return row
+
+    def rows(self, *names: str) -> list[Row]:
+        """Return rows by the names of the inputs."""
+        return [self.recorder.input_list(x, self._sizes.get(x, self._n)) for x in names]
+
+    def single(self, *names: str) -> Row:
+        """Return inputs of one number."""
+        return [self.recorder.input_list(name, 1)[0] for name in names]
+
+
+def record(n: int, function: Callable[..., Outputs], *settings: Any, **sizes: int) -> Program:
+    """Return the program of a function that takes settings and inputs, and returns outputs."""
+    at, outputs = Inputs(n, sizes), {}
+    for name, value in function(*settings, at).items():
+        row = value if isinstance(value, Sequence) else [value]
+        outputs[name] = [x if isinstance(x, Lanes) else at.recorder.constant(x) for x in row]
+    return at.recorder.program(**outputs)
 
 
 def sign_of(x: Lanes) -> Lanes:

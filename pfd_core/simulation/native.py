@@ -48,6 +48,7 @@ from pfd_core.machine.program import Program
 from pfd_core.model.plant import Plant
 from pfd_core.simulation import box, dry, search
 from pfd_core.simulation.dry import Law
+from pfd_core.simulation.flags import record
 from pfd_core.simulation.stages import Segment
 from pfd_core.simulation.tableaux import TABLEAUX
 
@@ -109,35 +110,35 @@ def step_code(
 
 def event_programs(law: Law, segment: Segment) -> dict[str, Program]:
     """Return the programs of segments with events, by name."""
+    n, m = law.n, len(law.margins)
     programs = {
-        'watch': dry.record_watch(law),
-        'directions': dry.record_directions(law.n),
-        'modes': dry.record_modes(law),
-        'wrong': box.record_wrong(law.n),
-        'pivot': box.record_pivot(law.n),
-        'load': dry.record_load(law, True),
-        'held': dry.record_held(law.n),
-        'loose': dry.record_loose(law),
-        'bracket': search.record_bracket(law),
-        'aim': search.record_aim(law),
+        'watch': record(n, dry.watch, law),
+        'directions': record(n, dry.directions),
+        'modes': record(n, dry.modes, law),
+        'wrong': record(n, box.wrong),
+        'pivot': record(n, box.pivot),
+        'load': record(n, dry.load, law, True),
+        'held': record(n, dry.held),
+        'loose': record(n, dry.loose, law),
+        'bracket': record(m, search.bracket),
+        'aim': record(m, search.aim, law, moving=n, unbraked=n),
         **segment.programs(),
-        'margins': dry.record_margins(law),
-        'detect': dry.record_detect(law),
-        'narrow': search.record_narrow(law),
-        'snap': dry.record_snap(law, segment.compensated),
-        'commit': segment.record_commit(),
-        'chosen': dry.record_chosen(law.n),
-        'unfinished': dry.record_unfinished(law.n),
+        'margins': record(n, dry.margins, law),
+        'detect': record(n, dry.detect, law),
+        'narrow': record(m, search.narrow, law, moving=n, unbraked=n),
+        'snap': record(n, dry.snap, law, segment.compensated, fired=m),
+        'chosen': record(n, dry.chosen),
+        'unfinished': record(n, dry.unfinished),
     }
     if not segment.damped:
-        programs['load.undamped'] = dry.record_load(law, False)
+        programs['load.undamped'] = record(n, dry.load, law, False)
     if law.plant.joint_limits is not None:
         programs |= {
-            'hits': box.record_hits(law),
-            'compression': box.record_compression(law),
-            'impulses': box.record_impulses(law),
-            'restitution': box.record_restitution(law),
-            'settling': box.record_settling(law.n),
+            'hits': record(n, box.hits, law),
+            'compression': record(n, box.compression, law),
+            'impulses': record(n, box.impulses, law),
+            'restitution': record(n, box.restitution, law),
+            'settling': record(n, box.settling),
         }
     return programs
 
@@ -348,7 +349,7 @@ class EventWriter:
         self._rest(s, 'end', 'q.end', 'qd.end', self.segment.tau[2])
 
     def _margins(self, s: Script, place: str = 'end', **arrays: str) -> None:
-        s.run('margins', **{'lambda': f'lambda.{place}', 'y.end': f'y.{place}'} | arrays)
+        s.run('margins', **{'torque': f'lambda.{place}', 'y.end': f'y.{place}'} | arrays)
 
     @property
     def _end(self) -> dict[str, str]:
@@ -410,7 +411,7 @@ class EventWriter:
         # What holds a joint at the end costs an evaluation, only while one rests.
         with s.when_any('held'):
             self._rest_end(s)
-            s.run('loose', **{'lambda': 'lambda.end'})
+            s.run('loose', torque='lambda.end')
             self._keep(s)
         s.run('detect')
         with s.when_any('seek', rarely=True):

@@ -21,8 +21,6 @@ up.
 
 A margin below zero whose slope rises has its root further back: it fires only with a falling
 slope, and the search does not end while there is one.
-
-One register holds one number; flags are 1 or 0.
 """
 
 from __future__ import annotations
@@ -30,10 +28,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pfd_core.machine.lanes import absolute, where
-from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.simulation.dry import Law, Row, read, rests, single
-from pfd_core.simulation.flags import any_of, both, either, largest, negated, sign_of, smallest
+from pfd_core.machine.recorder import Lanes
+from pfd_core.simulation.dry import Law, rests
+from pfd_core.simulation.flags import (
+    Inputs,
+    Outputs,
+    Row,
+    any_of,
+    both,
+    either,
+    largest,
+    negated,
+    sign_of,
+    smallest,
+)
 
 # No event within any segment.
 FAR = 1e30
@@ -49,43 +57,33 @@ LOOKS = 70
 Quotient = tuple[Lanes, Lanes]
 
 
-def record_bracket(law: Law) -> Program:
-    """
-    Return the program of the bracket before the first look: the whole segment.
-
-    Inputs are its length r, (1,), and the margins at its ends, g.L and g.R. Outputs are the rows
-    of `record_narrow` besides.
-    """
-    recorder = Recorder(1, 'sequential')
-    (r,), margins = single(recorder, 'r'), read(recorder, len(law.margins), 'g.L', 'g.R')
-    zero, one = recorder.constant(0.0), recorder.constant(1.0)
-    numbers = {'L': zero, 'R': r, 'span': r, 'count': one, 'delta': zero, 'worn': zero}
-    scale = [absolute(a) + absolute(b) for a, b in zip(*margins, strict=True)]
-    return recorder.program(scale=scale, **{name: [x] for name, x in numbers.items()})
+def bracket(at: Inputs) -> Outputs:
+    """Return the bracket before the first look, the whole segment, from margins at its ends."""
+    (r,) = at.single('r')
+    scale = [absolute(a) + absolute(b) for a, b in zip(at.g_L, at.g_R, strict=True)]
+    return {'L': 0.0, 'R': r, 'span': r, 'count': 1.0, 'delta': 0.0, 'worn': 0.0, 'scale': scale}
 
 
-def record_narrow(law: Law) -> Program:
+def narrow(law: Law, at: Inputs) -> Outputs:
     """
-    Return the program of the bracket after a look, and of the end of the search.
+    Return the bracket after a look, and of the end of the search.
 
     Inputs are the margins g, slopes d and noise at r, the same at L and R; scale, sizes of
-    margins; moving and unbraked; and (1,) L, R, r, span, the length of the segment, seek, count,
-    delta. Outputs are the bracket, `worn` if it is used up, `seek`, and at the end delta, the
-    length of the Taylor step, and `fired`, the margins that are zero there.
+    margins; span, the length of the segment; and count, that of looks. Outputs are the bracket,
+    `worn` if it is used up, `seek`, and at the end delta, the length of the Taylor step, and
+    `fired`, the margins that are zero there.
     """
-    recorder = Recorder(1, 'sequential')
-    rows = ('g', 'd', 'g.L', 'd.L', 'g.R', 'd.R', 'noise', 'scale', 'fired')
-    g, d, gL, dL, gR, dR, noise, scale, fired = read(recorder, len(law.margins), *rows)
-    names = ('L', 'R', 'r', 'span', 'seek', 'count', 'delta')
-    L, R, r, h, seek, count, delta = single(recorder, *names)
-    chords = _chords(recorder, law)
+    g, d, gL, dL, gR, dR = at.g, at.d, at.g_L, at.d_L, at.g_R, at.d_R
+    L, R, r, h = at.single('L', 'R', 'r', 'span')
+    seek, count, delta = at.single('seek', 'count', 'delta')
+    chords = _chords(law, at)
     hit = sign_of(-smallest(g))
     right, left = both(seek, hit), both(seek, negated(hit))
     R, L = where(right, r, R), where(left, r, L)
     gR, dR = _taken(right, g, gR), _taken(right, d, dR)
     gL, dL = _taken(left, g, gL), _taken(left, d, dL)
     w = R - L
-    rough = [e + z * (ROUNDINGS * law.eps) for e, z in zip(noise, scale, strict=True)]
+    rough = [e + z * (ROUNDINGS * law.eps) for e, z in zip(at.noise, at.scale, strict=True)]
 
     # Newton's steps as quotients; a release takes the chord of the bracket.
     steps = [
@@ -102,7 +100,7 @@ def record_narrow(law: Law) -> Program:
         wide = sign_of(w - h * law.short)
         leaps = [
             both(both(chord, on), either(wide, sign_of(largest([a, -b]) - z * LEAP)))
-            for chord, on, a, b, z in zip(chords, falls, gL, gR, scale, strict=True)
+            for chord, on, a, b, z in zip(chords, falls, gL, gR, at.scale, strict=True)
         ]
         short = both(short, negated(any_of(leaps)))
     worn = negated(w - h * (LENGTHS * law.eps))
@@ -113,32 +111,27 @@ def record_narrow(law: Law) -> Program:
     ]
     back = where(r + way, way, -r)
 
-    return recorder.program(
-        **{'g.L': gL, 'd.L': dL, 'g.R': gR, 'd.R': dR, 'L': [L], 'R': [R]},
-        worn=[worn],
-        seek=[both(seek, negated(done))],
-        count=[count + seek],
-        delta=[where(done, where(short, back, 0.0), delta)],
-        fired=_taken(done, fires, fired),
-    )
+    margins = {'g.L': gL, 'd.L': dL, 'g.R': gR, 'd.R': dR, 'fired': _taken(done, fires, at.fired)}
+    return margins | {
+        'L': L,
+        'R': R,
+        'worn': worn,
+        'seek': both(seek, negated(done)),
+        'count': count + seek,
+        'delta': where(done, where(short, back, 0.0), delta),
+    }
 
 
-def record_aim(law: Law) -> Program:
-    """
-    Return the program of the next r.
-
-    Inputs are the bracket, seek, count, worn, moving and unbraked.
-    """
-    recorder = Recorder(1, 'sequential')
-    margins = read(recorder, len(law.margins), 'g.L', 'g.R', 'd.L', 'd.R')
-    L, R, r, seek, count, worn = single(recorder, 'L', 'R', 'r', 'seek', 'count', 'worn')
-    zero, one = recorder.constant(0.0), recorder.constant(1.0)
+def aim(law: Law, at: Inputs) -> Outputs:
+    """Return the next r, from the bracket."""
+    L, R, r, seek, count, worn = at.single('L', 'R', 'r', 'seek', 'count', 'worn')
+    zero, one = at.recorder.constant(0.0), at.recorder.constant(1.0)
     w = R - L
     # The margin below zero at R whose chord has the first root; a margin that is zero at the
     # beginning of the segment has the root of its slope there, or a quarter.
-    outside = negated(L)
+    outside, margins = negated(L), (at.g_L, at.g_R, at.d_L, at.d_R)
     best = [one * 2.0, one, one, one, zero, zero, zero]
-    for chord, a, b, da, db in zip(_chords(recorder, law), *margins, strict=True):
+    for chord, a, b, da, db in zip(_chords(law, at), *margins, strict=True):
         begin = where(absolute(a), a, where(outside, da * w, a))
         usual = both(sign_of(begin), sign_of(-b))
         top, low = where(usual, begin, 0.25), where(usual, begin - b, 1.0)
@@ -154,15 +147,14 @@ def record_aim(law: Law) -> Program:
     new, middle = L + w * _root(cubic, top / low), L + 0.5 * w
     new = where(new - L, where(R - new, new, middle), middle)
     new = where(worn, R, where(count - COUNT, middle, new))
-    return recorder.program(r=[where(seek, new, r)])
+    return {'r': where(seek, new, r)}
 
 
-def _chords(recorder: Recorder, law: Law) -> Row:
+def _chords(law: Law, at: Inputs) -> Row:
     """Return for each margin whether it has no slope, that of a release."""
-    moving, unbraked = read(recorder, law.n, 'moving', 'unbraked')
-    zero = recorder.constant(0.0)
+    zero = at.recorder.constant(0.0)
     return [
-        zero if margin.stops else rests(unbraked[margin.joint], moving[margin.joint])
+        zero if margin.stops else rests(at.unbraked[margin.joint], at.moving[margin.joint])
         for margin in law.margins
     ]
 

@@ -23,13 +23,11 @@ is closer to none.
 Compensated positions are sums q + q_low, whose second part holds the digits below q:
 q' = fl(q + y) with y = fl(dq + q_low), and q_low' = (q + y) - q' exactly (D. E. Knuth, The Art of
 Computer Programming 2, 4.2.2, theorem B). Only dq is rounded, never the sum.
-
-One register holds one number.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Context, Decimal
 from typing import Any
@@ -38,11 +36,11 @@ from pfd_core.dynamics.numbers import Numbers
 from pfd_core.kernels.simulate import LOW_POSITION, MOTOR_TORQUE
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.machine.recorder import Lanes
 from pfd_core.model.plant import Plant
+from pfd_core.simulation.flags import Inputs, Outputs, Row, record
 from pfd_core.simulation.tableaux import IMEX_FIRST, Tableau
 
-Row = list[Lanes]
 # Constants with the same bits on every machine, unlike exp of NumPy and C.
 EXACT = Context(prec=40)
 
@@ -132,146 +130,123 @@ class Segment:
 
     def programs(self) -> dict[str, Program]:
         """Return the programs by name."""
-        record = self._explicit if self.damped else self._implicit
+        n, stage = self.plant.robot.n, self._explicit if self.damped else self._implicit
         last = self.tableau.stages if self.damped else 4
-        programs = {f'stage{k}': record(k) for k in range(1, last)} | {'finish': record(last)}
+        programs = {f'stage{k}': record(n, stage, k) for k in range(1, last)}
+        programs['finish'] = record(n, stage, last)
         if self.lags:
-            writer = _Writer(self)
-            programs['begin'] = writer.program({self.tau[0]: writer.torques(0.0)})
+            programs['begin'] = record(n, self._begin)
+        if self.load is not None:
+            programs['commit'] = record(n, self._commit)
         return programs
 
-    def record_commit(self) -> Program:
-        """
-        Return the program of the state after a segment; a lane with a complete step keeps its own.
+    def _begin(self, at: Inputs) -> Outputs:
+        """Return the torques of lagging motors at the beginning."""
+        return {self.tau[0]: self._torques(at, 0.0)}
 
-        Inputs are the state, q.end, qd.end, dq, `stopped`, flags of joints put onto their stops,
-        tau, and (1,) r and rest, the time left of the step. Outputs are the state and rest.
+    def _commit(self, at: Inputs) -> Outputs:
         """
-        writer = _Writer(self)
-        r, rest = writer.number('r'), writer.number('rest')
-        old = {name: writer.read(name) for name in ('q', 'qd')}
-        new = {name: writer.read(f'{name}.end') for name in old}
+        Return the state after a segment, and rest, the time that is left of the step.
+
+        A lane with a complete step keeps its own. `stopped` flags joints put onto their stops.
+        """
+        r, rest = at.single('r', 'rest')
+        old, new = {'q': at.q, 'qd': at.qd}, {'q': at.q_end, 'qd': at.qd_end}
         if self.compensated:
-            old[LOW_POSITION], stopped = (writer.read(x) for x in (LOW_POSITION, 'stopped'))
-            q, low = compensated(old['q'], writer.read('dq'), old[LOW_POSITION])
+            (old[LOW_POSITION],), stopped = at.rows(LOW_POSITION), at.stopped
+            q, low = compensated(old['q'], at.dq, old[LOW_POSITION])
             new['q'] = [where(*each) for each in zip(stopped, new['q'], q, strict=True)]
             new[LOW_POSITION] = [where(s, 0.0, x) for s, x in zip(stopped, low, strict=True)]
         if self.lags:
-            old[MOTOR_TORQUE], new[MOTOR_TORQUE] = writer.read(MOTOR_TORQUE), writer.torques(1.0)
+            (old[MOTOR_TORQUE],), new[MOTOR_TORQUE] = at.rows(MOTOR_TORQUE), self._torques(at, 1.0)
         # By rounding, a search may end beyond the step.
         left = where(rest - r, rest - r, 0.0)
         state = {
             name: [where(rest, *each) for each in zip(new[name], row, strict=True)]
             for name, row in old.items()
         }
-        return writer.program(state | {'rest': [where(rest, left, rest)]})
+        return state | {'rest': [where(rest, left, rest)]}
 
-    def _explicit(self, k: int) -> Program:
-        """Return the program of a stage, or of the end after the last one."""
-        writer, t = _Writer(self), self.tableau
-        q, v, r = writer.read('q'), writer.read('qd'), writer.r
+    def _explicit(self, k: int, at: Inputs) -> Outputs:
+        """Return the state of a stage, or of the end after the last one."""
+        t, q, v, r = self.tableau, at.q, at.qd, self._r(at)
         rr = r * r
         end = k == t.stages
         A, A_bar, c = (t.b, t.b_bar, 1.0) if end else (t.A[k], t.A_bar[k], t.c[k])
         pairs = enumerate(zip(A, A_bar, strict=True))
-        K = [writer.read(f'K{j}') if a or b else [] for j, (a, b) in pairs]
+        K = [at.rows(f'K{j}')[0] if a or b else [] for j, (a, b) in pairs]
         dq = plus(scaled(r * c, v), rr, zip(A_bar, K, strict=True))
         qd = plus(v, r, zip(A, K, strict=True))
-        return writer.end(q, dq, qd) if end else writer.stage(c, added(q, dq), qd)
+        return self._end(at, q, dq, qd) if end else self._stage(at, c, added(q, dq), qd)
 
-    def _implicit(self, k: int) -> Program:
-        """Return the program of the stages of ARS(2, 2, 2) with a damping; see tableaux."""
-        writer, t = _Writer(self), self.tableau
-        c, d = t.implicit, IMEX_FIRST
-        q, v, r = writer.read('q'), writer.read('qd'), writer.r
-        K0, X1, V1, K1, X2 = (writer.read(x) for x in ('K0', 'X1', 'V1', 'K1', 'X2'))
+    def _implicit(self, k: int, at: Inputs) -> Outputs:
+        """Return the stages of ARS(2, 2, 2) with a damping; see tableaux."""
+        c, d = self.tableau.implicit, IMEX_FIRST
+        q, v, K0, r = at.q, at.qd, at.K0, self._r(at)
         cr = r * c
         w1 = plus(v, r, [(c, K0)])
         if k == 1:
-            return writer.solve(added(q, scaled(cr, v)), w1, cr)
+            return self._solve(at, added(q, scaled(cr, v)), w1, cr)
         if k == 2:
-            V1 = plus(w1, -cr, [(1.0, X1)])
-            return writer.stage(c, added(q, scaled(cr, V1)), V1, 'V1')
-        w2 = plus(v, r, [(d, K0), (1 - d, K1), (c - 1, X1)])
+            V1 = plus(w1, -cr, [(1.0, at.X1)])
+            return self._stage(at, c, added(q, scaled(cr, V1)), V1, 'V1')
+        w2 = plus(v, r, [(d, K0), (1 - d, at.K1), (c - 1, at.X1)])
         if k == 3:
-            return writer.solve(plus(q, r, [(d, v), (1 - d, V1)]), w2, cr)
-        V2 = plus(w2, -cr, [(1.0, X2)])
-        return writer.end(q, plus(scaled(r * (1 - c), V1), cr, [(1.0, V2)]), V2)
+            return self._solve(at, plus(q, r, [(d, v), (1 - d, at.V1)]), w2, cr)
+        V2 = plus(w2, -cr, [(1.0, at.X2)])
+        return self._end(at, q, plus(scaled(r * (1 - c), at.V1), cr, [(1.0, V2)]), V2)
 
+    def _r(self, at: Inputs) -> Lanes:
+        """Return the length of the segment, a constant where it is always the whole step."""
+        return at.recorder.constant(self.h) if self.load is None else at.single('r')[0]
 
-class _Writer:
-    """Recorder of one program of a segment."""
-
-    def __init__(self, segment: Segment) -> None:
-        self._segment, self._recorder = segment, Recorder(1, 'sequential')
-
-    def read(self, name: str) -> Row:
-        """Return an input of a number for each joint."""
-        return self._recorder.input_list(name, self._segment.plant.robot.n)
-
-    def number(self, name: str) -> Lanes:
-        """Return an input of one number."""
-        return self._recorder.input_list(name, 1)[0]
-
-    @property
-    def r(self) -> Lanes:
-        """The length of the segment, a constant where it is always the whole step."""
-        if self._segment.load is None:
-            return self._recorder.constant(self._segment.h)
-        return self.number('r')
-
-    def program(self, outputs: Mapping[str, Row]) -> Program:
-        """Return the program with some outputs."""
-        return self._recorder.program(**outputs)
-
-    def torques(self, part: float) -> Row:
+    def _torques(self, at: Inputs, part: float) -> Row:
         """Return the torques of lagging motors after a part of the segment."""
-        command, motor = self.read('tau'), self.read(MOTOR_TORQUE)
-        h, result = self._segment.h, []
-        for u, tau, T in zip(command, motor, self._segment.lag, strict=True):
+        h, result = self.h, []
+        for u, tau, T in zip(at.tau, *at.rows(MOTOR_TORQUE), self.lag, strict=True):
             end = u + decayed(part * h, T) * (tau - u) if T and part else tau if T else u
-            if part and T and self._segment.load is not None:
-                z = self.r * (part / T)
+            if part and T and self.load is not None:
+                r = self._r(at)
+                z = r * (part / T)
                 # One less the exponential, so that no part of a step is too short for a change.
                 way = (z + z * z * (1 / 6)) / (1.0 + z * (2 / 3) + z * z * (1 / 6))
                 # No segment is longer than a step.
-                end = where(h - self.r, tau + way * (u - tau), end)
+                end = where(h - r, tau + way * (u - tau), end)
             result.append(end)
         return result
 
-    def stage(self, part: float, q: Row, qd: Row, name: str = 'qd.stage') -> Program:
-        """Return the program of a stage's state, after a part of the segment, and its torques."""
-        segment, outputs = self._segment, {'q.stage': q, name: qd}
-        if segment.lags:
-            outputs[segment.tau[1]] = self.torques(part)
-        if segment.loaded and segment.load is not None:
-            tau = outputs.get(segment.tau[1]) or self.read('tau')
-            outputs['y'] = segment.load(tau, qd, self.read('direction'), segment.damped)
-        return self.program(outputs)
+    def _stage(self, at: Inputs, part: float, q: Row, qd: Row, name: str = 'qd.stage') -> Outputs:
+        """Return the state of a stage, after a part of the segment, and its torques."""
+        outputs = {'q.stage': q, name: qd}
+        if self.lags:
+            outputs[self.tau[1]] = self._torques(at, part)
+        if self.loaded and self.load is not None:
+            tau = outputs.get(self.tau[1]) or at.tau
+            outputs['y'] = self.load(tau, qd, at.direction, self.damped)
+        return outputs
 
-    def solve(self, q: Row, w: Row, cr: Lanes) -> Program:
-        """Return the program of an implicit stage: D w, and c r D if r varies."""
-        numbers = Numbers(self._recorder, self._segment.plant)
+    def _solve(self, at: Inputs, q: Row, w: Row, cr: Lanes) -> Outputs:
+        """Return an implicit stage: D w, and c r D if r varies."""
+        numbers = Numbers(at.recorder, self.plant)
         D = [numbers.known('viscosity', i) for i in range(len(w))]
         outputs = {'q.stage': q, 'y': [x * d for x, d in zip(w, D, strict=True)]}
-        if self._segment.load is not None:
+        if self.load is not None:
             outputs['rotor'] = scaled(cr, D)
-        return self.program(outputs)
+        return outputs
 
-    def end(self, q: Row, dq: Row, qd: Row) -> Program:
-        """Return the program of the end: the state itself in a scene without events."""
-        segment = self._segment
-        if segment.load is not None:
+    def _end(self, at: Inputs, q: Row, dq: Row, qd: Row) -> Outputs:
+        """Return the end of a segment: the state itself in a scene without events."""
+        if self.load is not None:
             outputs = {'q.end': added(q, dq), 'qd.end': qd, 'dq': dq}
-            if segment.lags:
-                outputs[segment.tau[2]] = self.torques(1.0)
-            return self.program(outputs)
-        outputs = {'q': added(q, dq), 'qd': qd}
-        if segment.compensated:
-            outputs['q'], outputs[LOW_POSITION] = compensated(q, dq, self.read(LOW_POSITION))
-        if segment.lags:
-            outputs[MOTOR_TORQUE] = self.torques(1.0)
-        return self.program(outputs)
+        else:
+            outputs = {'q': added(q, dq), 'qd': qd}
+            if self.compensated:
+                (low,) = at.rows(LOW_POSITION)
+                outputs['q'], outputs[LOW_POSITION] = compensated(q, dq, low)
+        if self.lags:
+            name = MOTOR_TORQUE if self.load is None else self.tau[2]
+            outputs[name] = self._torques(at, 1.0)
+        return outputs
 
 
 def compensated(q: Row, dq: Row, low: Row) -> tuple[Row, Row]:

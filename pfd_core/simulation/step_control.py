@@ -16,28 +16,29 @@ step follows from the error and the order (Hairer, Norsett, Wanner, section II.4
 not finite the error is NaN: the step is rejected, until its size is below the smallest. The order
 is a power of two, so that its root is a sequence of square roots, with the same bits on every
 processor.
-
-One register holds one number; flags are 1 or 0.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from itertools import pairwise
+from itertools import chain, pairwise
 import math
 
 import numpy as np
 
 from pfd_core.machine.lanes import absolute, sqrt, where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.simulation.dry import Row, read, single
+from pfd_core.machine.recorder import Lanes
 from pfd_core.simulation.embedded_pairs import ROWS, EmbeddedPair
 from pfd_core.simulation.flags import (
+    Inputs,
+    Outputs,
+    Row,
     both,
     either,
     largest,
     negated,
+    record,
     sign_of,
     smallest,
     total,
@@ -64,80 +65,73 @@ LARGEST, SMALL = float(np.finfo(float).max), 2.0**-100
 def control_programs(pair: EmbeddedPair, n: int) -> dict[str, Program]:
     """Return the programs of adaptive steps of n joints by a pair, by name."""
     return {
-        'first_size': _first_size(pair, n),
-        'plan': _plan(),
-        'judge': _judge(pair, n),
-        'dense': _dense(pair, n),
-        'keep': _keep(n),
-        'clock': _clock(),
+        'first_size': record(n, _first_size, pair),
+        'plan': record(n, _plan),
+        'judge': record(n, _judge, pair),
+        'dense': record(n, _dense, pair),
+        'keep': record(n, _keep),
+        'clock': record(n, _clock),
     }
 
 
-def _first_size(pair: EmbeddedPair, n: int) -> Program:
-    """Return the program of `size` and `grow` at the start (Hairer, Norsett, Wanner, II.4)."""
-    recorder = Recorder(1, 'sequential')
-    q, qd, a = read(recorder, n, 'q', 'qd', 'K0')
-    longest, least, lost = single(recorder, 'longest', 'smallest', 'lost')
-    speed = sqrt(_mean_square([*qd, *a], _scales(recorder, [*q, *qd])))
+def _first_size(pair: EmbeddedPair, at: Inputs) -> Outputs:
+    """Return `size` and `grow` at the start (Hairer, Norsett, Wanner, II.4)."""
+    longest, least, lost = at.single('longest', 'smallest', 'lost')
+    speed = sqrt(_mean_square([*at.qd, *at.K0], _scales(at, [*at.q, *at.qd])))
     size = largest([least, _root(0.01 / speed, pair.tableau.order)])
     known = both(sign_of(speed), sign_of(LARGEST - speed))
-    return recorder.program(
-        size=[where(known, smallest([longest, size]), longest)],
-        grow=[recorder.constant(GROW)],
-        status=_status(recorder, not_finite=negated(_finite([*q, *qd, *a, lost]))),
-    )
+    return {
+        'size': where(known, smallest([longest, size]), longest),
+        'grow': GROW,
+        'status': _status(at, not_finite=negated(_finite([*at.q, *at.qd, *at.K0, lost]))),
+    }
 
 
-def _plan() -> Program:
+def _plan(at: Inputs) -> Outputs:
     """
-    Return the program of the length r and the end `time.end` of the next attempt.
+    Return the length r and the end `time.end` of the next attempt.
 
     The last steps are equal, since a remainder might be below the smallest step. Output `goes` is
     0, and `status` says why, if there is none.
     """
-    recorder = Recorder(1, 'sequential')
-    time, size, duration, least, error, status, failed = single(
-        recorder, 'time', 'size', 'duration', 'smallest', 'error', 'status', 'failed'
-    )
+    time, size, duration, least = at.single('time', 'size', 'duration', 'smallest')
+    error, status, failed = at.single('error', 'status', 'failed')
     left = duration - time
     close = sign_of(2.0 * size - left)
     last = both(close, negated(left / size - (1.0 + ROUNDED_TIME)))
     r = where(last, left, where(close, 0.5 * left, size))
     small = both(sign_of(least - size), negated(status))
     known = sign_of(error + 1.0)
-    ended = _status(recorder, step_too_small=both(small, known), not_finite=small)
-    status = where(small, ended[0], status)
-    nothing = [recorder.constant(0.0)]
-    return recorder.program(
-        r=[r],
-        length=[r],
-        whole=[r],
-        **{'time.end': [where(last, duration, time + r)]},
-        status=[status],
-        goes=[negated(either(status, failed))],
-        event=nothing,
-        lost=nothing,
-    )
+    ended = _status(at, step_too_small=both(small, known), not_finite=small)
+    status = where(small, ended, status)
+    return {
+        'r': r,
+        'length': r,
+        'whole': r,
+        'time.end': where(last, duration, time + r),
+        'status': status,
+        'goes': negated(either(status, failed)),
+        'event': 0.0,
+        'lost': 0.0,
+    }
 
 
-def _judge(pair: EmbeddedPair, n: int) -> Program:
+def _judge(pair: EmbeddedPair, at: Inputs) -> Outputs:
     """
-    Return the program of the error of an attempt, and of `size` and `grow` of the next one.
+    Return the error of an attempt, and `size` and `grow` of the next one.
 
     The two estimates are combined as in section II.10 of Hairer, Norsett, Wanner. A step is stiff
     if it is as long as stability permits: the last two stages, q.stage and q.end, have the same
     time, and their slopes and states differ by the largest eigenvalue (Hairer, Wanner, section
     IV.2). Outputs `rejected` and `stiff` are counts.
     """
-    recorder = Recorder(1, 'sequential')
     tableau, end = pair.tableau, pair.end
     A = np.array(tableau.A)
-    q, v, q_end, v_end = read(recorder, n, 'q', 'qd', 'q.end', 'qd.end')
-    r, grow, longest, rejected, stiff, lost = single(
-        recorder, 'r', 'grow', 'longest', 'rejected', 'stiff', 'lost'
-    )
-    K = read(recorder, n, *(f'K{j}' for j in range(end + 1)))
-    scales = _scales(recorder, [*q, *v], [*q_end, *v_end])
+    r, grow, longest, lost = at.single('r', 'grow', 'longest', 'lost')
+    rejected, stiff = at.single('rejected', 'stiff')
+    q_end, v_end = at.q_end, at.qd_end
+    K = at.rows(*(f'K{j}' for j in range(end + 1)))
+    scales = _scales(at, [*at.q, *at.qd], [*q_end, *v_end])
     high, low = (
         _mean_square([*_sum(r, of_stages(e, A), K), *_sum(1.0, e, K)], scales)
         for e in pair.estimates
@@ -149,31 +143,29 @@ def _judge(pair: EmbeddedPair, n: int) -> Program:
     factor = where(factor - SHRINK, factor, SHRINK)
     factor = where(error, factor, where(accepted, GROW, SHRINK))
 
-    before = *read(recorder, n, 'q.stage', 'qd.stage'), K[end - 1]
+    before = at.q_stage, at.qd_stage, K[end - 1]
     change = [
         [x - y for x, y in zip(*rows, strict=True)]
         for rows in zip((q_end, v_end, K[end]), before, strict=True)
     ]
     states, slopes = (_mean_square([*a, *b]) for a, b in pairwise(change))
     fast = sign_of((r * r) * slopes - STABLE**2 * states)
-    return recorder.program(
-        error=[error],
-        accepted=[accepted],
-        kept=[accepted],
-        size=[smallest([longest, r * smallest([factor, grow])])],
-        grow=[where(accepted, GROW, 1.0)],
-        rejected=[rejected + negated(accepted)],
-        stiff=[stiff + both(accepted, fast)],
-    )
+    return {
+        'error': error,
+        'accepted': accepted,
+        'kept': accepted,
+        'size': smallest([longest, r * smallest([factor, grow])]),
+        'grow': where(accepted, GROW, 1.0),
+        'rejected': rejected + negated(accepted),
+        'stiff': stiff + both(accepted, fast),
+    }
 
 
-def _dense(pair: EmbeddedPair, n: int) -> Program:
-    """Return the program of the rows `dense<k>.q` and `dense<k>.qd` of the dense output."""
-    recorder = Recorder(1, 'sequential')
+def _dense(pair: EmbeddedPair, at: Inputs) -> Outputs:
+    """Return the rows `dense<k>.q` and `dense<k>.qd` of the dense output."""
     A, b = np.array(pair.tableau.A), np.array(pair.tableau.b)
-    v, v_end = read(recorder, n, 'qd', 'qd.end')
-    (r,) = single(recorder, 'r')
-    K = read(recorder, n, *(f'K{j}' for j in range(len(A))))
+    v, v_end, (r,) = at.qd, at.qd_end, at.single('r')
+    K = at.rows(*(f'K{j}' for j in range(len(A))))
     outputs: dict[str, Row] = {'length': [r]}
     parts = (
         ('q', added(scaled(r, v), _sum(r * r, of_stages(b, A), K)), v, v_end, r * r, A),
@@ -185,53 +177,49 @@ def _dense(pair: EmbeddedPair, n: int) -> Program:
         rows.append([2.0 * x - (y + w) for x, y, w in zip(rise, a, z, strict=True)])
         rows += [_sum(factor, of_stages(row, weights), K) for row in pair.tail]
         outputs |= {f'dense{k}.{part}': row for k, row in enumerate(rows)}
-    return recorder.program(**outputs)
+    return outputs
 
 
-def _keep(n: int) -> Program:
-    """Return the program of `kept`, (1,): whether all numbers of a step are finite."""
-    recorder = Recorder(1, 'sequential')
+def _keep(at: Inputs) -> Outputs:
+    """Return `kept`: whether all numbers of a step are finite."""
     names = [f'dense{k}.{part}' for k in range(ROWS) for part in ('q', 'qd')]
-    numbers = [x for row in read(recorder, n, 'q.end', 'qd.end', *names) for x in row]
-    r, size, error, rejected, lost = single(recorder, 'r', 'size', 'error', 'rejected', 'lost')
-    kept = _finite([*numbers, lost])
-    return recorder.program(
-        kept=[kept],
-        size=[where(kept, size, r * SHRINK)],
-        error=[where(kept, error, math.nan)],
-        rejected=[rejected + negated(kept)],
-    )
+    r, size, error, rejected, lost = at.single('r', 'size', 'error', 'rejected', 'lost')
+    kept = _finite([lost, *chain.from_iterable(at.rows('q.end', 'qd.end', *names))])
+    return {
+        'kept': kept,
+        'size': where(kept, size, r * SHRINK),
+        'error': where(kept, error, math.nan),
+        'rejected': rejected + negated(kept),
+    }
 
 
-def _clock() -> Program:
+def _clock(at: Inputs) -> Outputs:
     """
-    Return the program of the time after a step, of the size of the next one, and of the status.
+    Return the time after a step, the size of the next one, and the status.
 
     A step that an event cuts does not let the next one grow: a step in a parabola has no error,
     and the search resolves a part of a step. Output `moved` flags a step that takes time. The
     others have put joints to rest.
     """
-    recorder = Recorder(1, 'sequential')
-    time, end, r, whole, duration, rejected, size, event = single(
-        recorder, 'time', 'time.end', 'r', 'whole', 'duration', 'rejected', 'size', 'event'
-    )
+    time, end, r, whole, duration = at.single('time', 'time.end', 'r', 'whole', 'duration')
+    rejected, size, event = at.single('rejected', 'size', 'event')
     new = where(whole - r, smallest([time + r, end]), end)
     moved = sign_of(new - time)
-    return recorder.program(
-        time=[new],
-        moved=[moved],
-        size=[where(event, smallest([size, whole]), size)],
-        rejected=[rejected + negated(moved)],
-        status=_status(recorder, ok=negated(duration - new)),
-    )
+    return {
+        'time': new,
+        'moved': moved,
+        'size': where(event, smallest([size, whole]), size),
+        'rejected': rejected + negated(moved),
+        'status': _status(at, ok=negated(duration - new)),
+    }
 
 
-def _status(recorder: Recorder, **flags: Lanes) -> Row:
+def _status(at: Inputs, **flags: Lanes) -> Lanes:
     """Return the number of the first status whose flag is set, or 0."""
-    number = recorder.constant(0.0)
+    number = at.recorder.constant(0.0)
     for name, flag in reversed(flags.items()):
         number = where(flag, float(STATUSES.index(name)), number)
-    return [number]
+    return number
 
 
 def _finite(values: Sequence[Lanes]) -> Lanes:
@@ -245,9 +233,9 @@ def _sum(factor: Lanes | float, weights: Iterable[float], K: Sequence[Row]) -> R
     return scaled(factor, plus(scaled(float(w), first), 1.0, others))
 
 
-def _scales(recorder: Recorder, *states: Row) -> Row:
+def _scales(at: Inputs, *states: Row) -> Row:
     """Return atol + rtol times the largest absolute value of states, for each element."""
-    atol, rtol = single(recorder, 'atol', 'rtol')
+    atol, rtol = at.single('atol', 'rtol')
     sizes = [largest([absolute(x) for x in each]) for each in zip(*states, strict=True)]
     return [atol + rtol * x for x in sizes]
 

@@ -146,10 +146,12 @@ class LinearStep:
         # With one axis of arms, for one arm as well.
         for name, value in x.items():
             size = value.shape[-1]
-            x[name] = np.broadcast_to(value, (*batch, size)).reshape(-1, size).astype(float)
+            if value.shape[:-1] != batch:
+                value = np.broadcast_to(value, (*batch, size))
+            x[name] = value.reshape(-1, size).astype(float, copy=False)
         S = self._evaluated(x)
         rows = S.shape[-2]
-        A, B = S[..., :rows].copy(), S[..., rows : rows + n].copy()
+        A, B = S[..., :rows], S[..., rows : rows + n]
         status = np.full(x['q'].shape, MOVING, WIDEST)
         if self._dry:
             self._add_events(x, S, A, B, status)
@@ -158,7 +160,7 @@ class LinearStep:
             status[braked] = np.where(x['qd'] == 0, HELD, EVENT)[braked]
         if self._dry:
             self._add_limits(x, S[..., -2], A, status)
-        A, B = (y.reshape(*batch, *y.shape[1:]).astype(self._dtype) for y in (A, B))
+        A, B = (y.reshape(*batch, *y.shape[1:]).astype(self._dtype, copy=False) for y in (A, B))
         return Linearization(A, B, status.reshape(*batch, n))
 
     def _add_events(

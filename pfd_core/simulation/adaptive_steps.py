@@ -42,7 +42,7 @@ from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.model.plant import Plant
 from pfd_core.simulation.dry import Law, has_contact, rests
-from pfd_core.simulation.embedded_pairs import PAIRS, ROWS, EmbeddedPair
+from pfd_core.simulation.embedded_pairs import PAIRS, ROWS
 from pfd_core.simulation.flags import (
     Inputs,
     Outputs,
@@ -56,6 +56,7 @@ from pfd_core.simulation.flags import (
 from pfd_core.simulation.native import EventWriter, event_programs, write_functions
 from pfd_core.simulation.stages import Segment, added
 from pfd_core.simulation.step_control import control_programs
+from pfd_core.simulation.tableaux import Tableau
 
 # What is written of each step, in this order: its end; the length of its dense output; whether an
 # event ended it; and the dense output.
@@ -91,21 +92,21 @@ def adaptive_code(plant: Plant, integrator: str) -> StepCode:
     """Return adaptive steps of a plant by a pair of PAIRS, for pfd_core.kernels.simulations."""
     pair = PAIRS[integrator]
     law = Law(plant, 'float64', SHORT, jumps=True)
-    segment = Segment(plant, pair.tableau, 0.0, False, law.load)
+    segment = Segment(plant, pair, 0.0, False, law.load)
     return StepCode(
         plant,
         (),
-        partial(_programs, law, segment, pair),
-        partial(write_functions, partial(AdaptiveWriter, law, segment, pair=pair)),
-        pair.tableau.stages,
+        partial(_programs, law, segment),
+        partial(write_functions, partial(AdaptiveWriter, law, segment)),
+        pair.stages,
         integrator,
         contact=has_contact(plant),
         stops=plant.joint_limits is not None,
     )
 
 
-def _programs(law: Law, segment: Segment, pair: EmbeddedPair) -> dict[str, Program]:
-    found = control_programs(pair, law.n)
+def _programs(law: Law, segment: Segment) -> dict[str, Program]:
+    found = control_programs(segment.tableau, law.n)
     if has_contact(law.plant):
         found |= event_programs(law, segment)
         n, m = law.n, len(law.margins)
@@ -113,7 +114,7 @@ def _programs(law: Law, segment: Segment, pair: EmbeddedPair) -> dict[str, Progr
         found['noted'] = record(n, _noted, law, fired=m)
     else:
         found |= segment.programs()
-    for name in (f'stage{pair.end}', 'commit', 'unfinished'):
+    for name in (f'stage{segment.tableau.end}', 'commit', 'unfinished'):
         found.pop(name, None)
     return found
 
@@ -126,7 +127,6 @@ def _dense_rows() -> list[str]:
 class AdaptiveWriter(EventWriter):
     """Writer of the functions of adaptive steps; programs and dynamics are lowered."""
 
-    pair: EmbeddedPair
     keeps = False
 
     def __post_init__(self) -> None:
@@ -137,6 +137,11 @@ class AdaptiveWriter(EventWriter):
             self.frame.split('rest.look', 'x.look', 'lambda.look')
         for name in ('part', 'zero'):
             self.frame.place(name, 1 if name == 'part' else self.law.n)
+
+    @property
+    def pair(self) -> Tableau:
+        """The embedded pair."""
+        return self.segment.tableau
 
     @property
     def events(self) -> bool:
@@ -213,7 +218,7 @@ class AdaptiveWriter(EventWriter):
     def _stages(self, s: Script, stages: range) -> None:
         for k in stages:
             s.run(f'stage{k}')
-            s.fill('part', self.pair.tableau.c[k], 1)
+            s.fill('part', self.pair.c[k], 1)
             self._slope(s, f'K{k}', 'q.stage', 'qd.stage')
 
     def _segment(self) -> Script:
@@ -226,7 +231,7 @@ class AdaptiveWriter(EventWriter):
 
     def _dense(self) -> Script:
         s = self._script('dense_output')
-        self._stages(s, range(self.pair.end + 1, self.pair.tableau.stages))
+        self._stages(s, range(self.pair.end + 1, self.pair.stages))
         s.run('dense')
         return s
 

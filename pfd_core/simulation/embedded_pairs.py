@@ -22,7 +22,6 @@ program dop853.f.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -124,44 +123,16 @@ DENSE: tuple[Row, ...] = (
 # fmt: on
 
 
-@dataclass(frozen=True, eq=False)
-class EmbeddedPair:
-    """
-    An explicit Runge-Kutta method of s stages with error estimates and a dense output.
-
-    Attributes
-    ----------
-    tableau : Tableau
-        All stages, and the weights of the step.
-    end : int
-        The stage at the end of the step.
-    estimates : numpy.ndarray
-        (2, s), weights of the estimate of higher order and of the one of lower order.
-    tail : numpy.ndarray
-        (4, s), weights of the rows of the dense output after the third.
-
-    """
-
-    tableau: Tableau
-    end: int
-    estimates: Array
-    tail: Array
+def _filled(rows: Sequence[Row]) -> tuple[tuple[float, ...], ...]:
+    """Return rows with a number for each stage."""
+    return tuple(tuple(row.get(j, 0.0) for j in range(len(NODES))) for row in rows)
 
 
-def _filled(rows: Sequence[Row]) -> Array:
-    """Return rows as an array with a column for each stage."""
-    array = np.zeros((len(rows), len(NODES)))
-    for k, row in enumerate(rows):
-        array[k, list(row)] = list(row.values())
-    return array
-
-
-def _dop853() -> EmbeddedPair:
+def _dop853() -> Tableau:
     end, A = 12, _filled(STAGES)
-    weights = STAGES[end]
-    third = {j: weights[j] - THIRD_ORDER_WEIGHTS.get(j, 0.0) for j in weights}
-    tableau = Tableau(NODES, tuple(map(tuple, A.tolist())), tuple(A[end].tolist()), order=8)
-    return EmbeddedPair(tableau, end, _filled((FIFTH_ORDER_ERROR, third)), _filled(DENSE))
+    third = {j: x - THIRD_ORDER_WEIGHTS.get(j, 0.0) for j, x in STAGES[end].items()}
+    estimates = _filled((FIFTH_ORDER_ERROR, third))
+    return Tableau(NODES, A, A[end], 8, end=end, estimates=estimates, tail=_filled(DENSE))
 
 
 PAIRS = {'dop853': _dop853()}

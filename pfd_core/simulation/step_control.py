@@ -29,7 +29,7 @@ import numpy as np
 from pfd_core.machine.lanes import absolute, sqrt, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes
-from pfd_core.simulation.embedded_pairs import ROWS, EmbeddedPair
+from pfd_core.simulation.embedded_pairs import ROWS
 from pfd_core.simulation.flags import (
     Inputs,
     Outputs,
@@ -44,7 +44,7 @@ from pfd_core.simulation.flags import (
     total,
 )
 from pfd_core.simulation.stages import added, plus, scaled
-from pfd_core.simulation.tableaux import of_stages
+from pfd_core.simulation.tableaux import Tableau, of_stages
 
 STATUSES = ('', 'ok', 'not_finite', 'step_too_small')
 # The next step is this fraction of the step at which the error would be 1, and at least and at
@@ -62,7 +62,7 @@ STABLE = 6.1
 LARGEST, SMALL = float(np.finfo(float).max), 2.0**-100
 
 
-def control_programs(pair: EmbeddedPair, n: int) -> dict[str, Program]:
+def control_programs(pair: Tableau, n: int) -> dict[str, Program]:
     """Return the programs of adaptive steps of n joints by a pair, by name."""
     return {
         'first_size': record(n, _first_size, pair),
@@ -74,11 +74,11 @@ def control_programs(pair: EmbeddedPair, n: int) -> dict[str, Program]:
     }
 
 
-def _first_size(pair: EmbeddedPair, at: Inputs) -> Outputs:
+def _first_size(pair: Tableau, at: Inputs) -> Outputs:
     """Return `size` and `grow` at the start (Hairer, Norsett, Wanner, II.4)."""
     longest, least, lost = at.single('longest', 'smallest', 'lost')
     speed = sqrt(_mean_square([*at.qd, *at.K0], _scales(at, [*at.q, *at.qd])))
-    size = largest([least, _root(0.01 / speed, pair.tableau.order)])
+    size = largest([least, _root(0.01 / speed, pair.order)])
     known = both(sign_of(speed), sign_of(LARGEST - speed))
     return {
         'size': where(known, smallest([longest, size]), longest),
@@ -116,7 +116,7 @@ def _plan(at: Inputs) -> Outputs:
     }
 
 
-def _judge(pair: EmbeddedPair, at: Inputs) -> Outputs:
+def _judge(pair: Tableau, at: Inputs) -> Outputs:
     """
     Return the error of an attempt, and `size` and `grow` of the next one.
 
@@ -125,21 +125,20 @@ def _judge(pair: EmbeddedPair, at: Inputs) -> Outputs:
     time, and their slopes and states differ by the largest eigenvalue (Hairer, Wanner, section
     IV.2). Outputs `rejected` and `stiff` are counts.
     """
-    tableau, end = pair.tableau, pair.end
-    A = np.array(tableau.A)
+    end = pair.end
     r, grow, longest, lost = at.single('r', 'grow', 'longest', 'lost')
     rejected, stiff = at.single('rejected', 'stiff')
     q_end, v_end = at.q_end, at.qd_end
     K = at.rows(*(f'K{j}' for j in range(end + 1)))
     scales = _scales(at, [*at.q, *at.qd], [*q_end, *v_end])
     high, low = (
-        _mean_square([*_sum(r, of_stages(e, A), K), *_sum(1.0, e, K)], scales)
+        _mean_square([*_sum(r, of_stages(e, pair.A), K), *_sum(1.0, e, K)], scales)
         for e in pair.estimates
     )
     finite = _finite([*q_end, *v_end, *K[end], lost])
     error = where(finite, r * high / sqrt(where(high, high + 0.01 * low, 1.0)), math.nan)
     accepted = both(sign_of(2.0 - error), negated(error - 1.0))
-    factor = SAFETY / _root(error, tableau.order)
+    factor = SAFETY / _root(error, pair.order)
     factor = where(factor - SHRINK, factor, SHRINK)
     factor = where(error, factor, where(accepted, GROW, SHRINK))
 
@@ -161,9 +160,9 @@ def _judge(pair: EmbeddedPair, at: Inputs) -> Outputs:
     }
 
 
-def _dense(pair: EmbeddedPair, at: Inputs) -> Outputs:
+def _dense(pair: Tableau, at: Inputs) -> Outputs:
     """Return the rows `dense<k>.q` and `dense<k>.qd` of the dense output."""
-    A, b = np.array(pair.tableau.A), np.array(pair.tableau.b)
+    A, b = pair.A, pair.b
     v, v_end, (r,) = at.qd, at.qd_end, at.single('r')
     K = at.rows(*(f'K{j}' for j in range(len(A))))
     outputs: dict[str, Row] = {'length': [r]}

@@ -57,6 +57,11 @@ class Tableau:
         Diagonal coefficient c of the implicit stages, in a scene with damping; 0 for none.
     shared : bool
         Whether the last evaluation of a step may serve as the first one of the next.
+    end : int
+        Of an embedded pair (pfd_core.simulation.embedded_pairs) the stage at the end of the step.
+    estimates, tail : tuple of tuple of float
+        Of a pair the weights of its estimates of the error, (2, s), that of higher order first,
+        and of the rows of its dense output after the third, (4, s).
 
     """
 
@@ -68,6 +73,9 @@ class Tableau:
     A_bar: tuple[Row, ...] = ()
     implicit: float = 0.0
     shared: bool = False
+    end: int = 0
+    estimates: tuple[Row, ...] = ()
+    tail: tuple[Row, ...] = ()
 
     def __post_init__(self) -> None:
         """Write bb = b A and Ab = A A where no other weights of the positions are given."""

@@ -216,10 +216,8 @@ def unread(
 
     They include quaternions unless the orientations may be `turned` by them.
     """
-    name, (attributes, elements) = (
-        element.attributes.get('name'),
-        map(str.split, READ[element.tag]),
-    )
+    name = element.attributes.get('name')
+    attributes, elements = map(str.split, READ[element.tag])
     place = f'{outer}<{element.tag}{"" if name is None else f" name={quote(name)}"}>'
     for key in element.attributes:
         if key not in attributes or (key == QUATERNIONS and not turned):
@@ -230,12 +228,13 @@ def unread(
         if child.tag in elements:
             yield from unread(child, turned, f'{place} ')
             continue
-        # A <gazebo> is for the joint or link that it refers to.
-        found = (
-            [x for x in child.elements if x.tag in SPRINGS] if child.tag in FOREIGN else [child]
-        )
-        for x in found:
-            yield (element.tag, x.tag), f'{place} <{local(x.tag)}>{x.place.short}'
+        where = f'{place} <{local(child.tag)}>'
+        if child.tag not in FOREIGN:
+            yield (element.tag, child.tag), f'{where}{child.place.short}'
+            continue
+        for spring in child.elements:
+            if spring.tag in SPRINGS:
+                yield (child.tag, spring.tag), f'{where} <{spring.tag}>{spring.place.short}'
 
 
 def armature_of(root: Element, joints: Collection[str]) -> dict[str, float]:

@@ -3,7 +3,8 @@
 """
 What follows from the limits of joints, and from rotors behind gears.
 
-    known_limits, limits_text      numbers of a file that mean no limit, and the warning about them
+    known_limits                   numbers of a file, and those that mean no limit
+    joint_fields                   what a file states of its joints, as fields of Robot
     start_positions                where an arm starts by default
     outside_stops                  the one test of whether a state lies outside the stops
     reflected_inertia              armature = ratio^2 * inertia, from the numbers of data sheets
@@ -14,11 +15,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.model.robot import LIMIT_FIELDS, Robot, check_robot
+from pfd_core.model.robot import (
+    LIMIT_FIELDS,
+    STATED,
+    UNSTATED,
+    Follower,
+    Robot,
+    check_robot,
+    warn,
+)
 from pfd_core.model.values import LARGEST, Array, check_least, listed, quote, real_array
 
 # A position may lie this far beyond a stop [rad or m]: rounding, as of a state from a file.
@@ -43,18 +53,48 @@ def known_limits(numbers: Mapping[str, float]) -> tuple[dict[str, float], tuple[
     return known, tuple(none)
 
 
-def limits_text(name: str, none: Mapping[str, Sequence[str]], infinite: str) -> str:
-    """Return the warning about limits that mean none, '' for none; `infinite` forms a repair."""
-    joints = [f'{quote(joint)} ({", ".join(which)})' for joint, which in none.items() if which]
-    if not joints:
-        return ''
-    words = {word for which in none.values() for text in which for word in text.split()}
-    keys = [key for key in LIMIT_FIELDS if words & {key, '<limit>'}]
-    repair = ' '.join(infinite.format(key, '-' if key == 'lower' else '') for key in keys)
-    return (
-        f'{quote(name)}: taken as unlimited: {listed(joints)}. '
-        f'Write the true limits, or where there is none {repair}'
-    )
+class Row(NamedTuple):
+    """What a file states of a joint."""
+
+    name: str
+    kind: str
+    stated: Mapping[str, float]  # by the names in STATED
+    unlimited: tuple[str, ...]  # limits that mean none, and where they are
+    follows: tuple[str, float, float] | None  # leader, multiplier and offset
+
+
+def joint_fields(label: str, rows: Sequence[Row], infinite: str) -> dict[str, Any]:
+    """
+    Return the fields of `Robot` that a file states of its joints, which are given base to tip.
+
+    A warning names limits that mean none; `infinite` forms the repair of a limit.
+    """
+    own = [row for row in rows if row.follows is None]
+    found: dict[str, Any] = {
+        'joint_names': tuple(row.name for row in own),
+        'joint_types': tuple(row.kind for row in own),
+        'followers': tuple(
+            Follower(row.name, row.kind, k, *row.follows)
+            for k, row in enumerate(rows, 1)
+            if row.follows is not None
+        ),
+        'silent': {
+            key: [row.name for row in own if name not in row.stated]
+            for name, key in STATED.items()
+        },
+    }
+    for name, key in STATED.items():
+        found[key] = [row.stated.get(name, UNSTATED[key]) for row in own]
+    joints = [f'{quote(x.name)} ({", ".join(x.unlimited)})' for x in rows if x.unlimited]
+    if joints:
+        words = {word for row in rows for text in row.unlimited for word in text.split()}
+        keys = [key for key in LIMIT_FIELDS if words & {key, '<limit>'}]
+        repair = ' '.join(infinite.format(key, '-' if key == 'lower' else '') for key in keys)
+        warn(
+            f'{quote(label)}: taken as unlimited: {listed(joints)}. '
+            f'Write the true limits, or where there is none {repair}'
+        )
+    return found
 
 
 def start_positions(robot: Robot) -> Array:

@@ -355,16 +355,6 @@ def stated(robot: Robot, joint: str) -> dict[str, float]:
     return {name: float(getattr(robot, key)[index]) for name, key in keys.items()}
 
 
-def from_stated(joints: Sequence[str], rows: Sequence[Mapping[str, float]]) -> dict[str, Any]:
-    """Return fields of `Robot` from the numbers that a file states of each joint, by name."""
-    found: dict[str, Any] = {'silent': {}}
-    for name, key in STATED.items():
-        found[key] = [row.get(name, UNSTATED[key]) for row in rows]
-        pairs = zip(joints, rows, strict=True)
-        found['silent'][key] = [joint for joint, row in pairs if name not in row]
-    return found
-
-
 def link_label(robot: Robot, index: int) -> str:
     """Return the name of link index + 1 in errors."""
     joint = quote(robot.movers[index].name)

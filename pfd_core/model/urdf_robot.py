@@ -33,14 +33,12 @@ from pfd_core.model.geometry import (
     welded_fields,
     without_residue,
 )
-from pfd_core.model.limits import limits_text
+from pfd_core.model.limits import Row, joint_fields
 from pfd_core.model.locking import how_to_lock, locked_positions
 from pfd_core.model.robot import (
     JOINT_TYPES,
-    Follower,
     Frame,
     Robot,
-    from_stated,
     warn,
 )
 from pfd_core.model.urdf import Inertial, Joint, Mimic, Origin, Urdf
@@ -84,18 +82,13 @@ def robot_from_urdf(
     _warn_of_sizes(urdf, chain)
     _warn_of_degrees(written)
     joints = chain.joints
-    lines = {j.name: (f'line {j.place.line}',) if j.place.line else () for j in joints}
-    none = {j.name: (*j.unlimited, *lines[j.name]) for j in joints if j.unlimited}
-    unlimited = limits_text(urdf.source, none, '{}="{}inf"')
-    if unlimited:
-        warn(unlimited)
-    rows = {joint.name: dict(joint.limits) for joint in joints}
-    for name in rows.keys() & urdf.armature.keys():
-        rows[name]['armature'] = urdf.armature[name]
+    stated = {joint.name: dict(joint.limits) for joint in joints}
+    for name in stated.keys() & urdf.armature.keys():
+        stated[name]['armature'] = urdf.armature[name]
     rules = {joint.name: rule for joint in joints if (rule := rule_of(urdf, joint)) is not None}
     for joint in joints:
         if joint.name in rules:
-            _fold(joint, rows.pop(joint.name), rules[joint.name], rows)
+            _fold(joint, stated[joint.name], rules[joint.name], stated)
     if rules:
         told = ', '.join(
             f'{quote(name)} with {quote(rule.leader)}'
@@ -106,14 +99,21 @@ def robot_from_urdf(
             f'{urdf.place}: joints that mimic others have no motor and move with them, {told}: '
             'their limits and losses are those of the others, their efforts are not read'
         )
-    kinds = (
-        'revolute' if kind == 'continuous' and row.keys() & {'lower', 'upper'} else kind
-        for kind, row in ((urdf.joints[name].kind, row) for name, row in rows.items())
-    )
+    rows = []
+    for joint in joints:
+        ended = joint.kind == 'continuous' and stated[joint.name].keys() & {'lower', 'upper'}
+        place = (f'line {joint.place.line}',) if joint.place.line and joint.unlimited else ()
+        rows.append(
+            Row(
+                joint.name,
+                'revolute' if ended else joint.kind,
+                stated[joint.name],
+                (*joint.unlimited, *place),
+                rules.get(joint.name),
+            )
+        )
     return Robot(
         name=urdf.name,
-        joint_names=tuple(rows),
-        joint_types=tuple(kinds),
         base=chain.base,
         tip=chain.tip,
         source=urdf.source,
@@ -122,12 +122,7 @@ def robot_from_urdf(
         ),
         **welded_fields(placements, bodies),
         root_rotation=root_rotation,
-        **from_stated(tuple(rows), list(rows.values())),
-        followers=tuple(
-            Follower(joint.name, joint.kind, k, *rules[joint.name])
-            for k, joint in enumerate(joints, 1)
-            if joint.name in rules
-        ),
+        **joint_fields(urdf.source, rows, '{}="{}inf"'),
         frames=_carried_frames(chain, frames, placements, length),
     )
 

@@ -58,17 +58,14 @@ from pfd_core.model.geometry import (
     symmetric,
     welded_fields,
 )
-from pfd_core.model.limits import known_limits, limits_text
+from pfd_core.model.limits import Row, joint_fields, known_limits
 from pfd_core.model.robot import (
     LIMIT_FIELDS,
-    Follower,
     Frame,
     Robot,
     check_robot,
-    from_stated,
     stated,
     turned,
-    warn,
 )
 from pfd_core.model.values import Array, number_from_text, quote, real_array, real_number, switch
 
@@ -233,8 +230,6 @@ def robot_from_yaml(text: str, source: str) -> Robot:
     if not isinstance(rows, list):
         raise ValueError(f'joints of {quote(name)} must be a list, got {quote(rows)}')
     joints = [_joint(i, row) for i, row in enumerate(rows, 1)]
-    own = [joint for joint in joints if joint.follows is None]
-    names = tuple(joint.name for joint in own)
     ends: Any = document.get('base', 'base')
     root = np.eye(3)
     if isinstance(ends, Mapping) and 'root_rotation' in ends:
@@ -244,28 +239,17 @@ def robot_from_yaml(text: str, source: str) -> Robot:
     further = document.get('frames', {})
     if not isinstance(further, Mapping):
         raise ValueError(f'frames must be a table of frames by name, got {quote(further)}')
-    robot = Robot(
+    return Robot(
         name=name,
-        joint_names=names,
-        joint_types=tuple(joint.kind for joint in own),
         base=base,
         tip=tip,
         source=document.get('source', source),
-        accepted=tuple(joint.name for joint in joints if joint.accepted),
+        accepted=tuple(joint.row.name for joint in joints if joint.accepted),
         **_chain(name, joints, first, last),
         root_rotation=root,
-        **from_stated(names, [joint.stated for joint in own]),
-        followers=tuple(
-            Follower(joint.name, joint.kind, k, *joint.follows)
-            for k, joint in enumerate(joints, 1)
-            if joint.follows is not None
-        ),
+        **joint_fields(name, [joint.row for joint in joints], '{}: {}.inf'),
         frames={frame: _frame(f'frame {quote(frame)}', row) for frame, row in further.items()},
     )
-    unlimited = limits_text(name, {j.name: j.unlimited for j in joints}, '{}: {}.inf')
-    if unlimited:
-        warn(unlimited)
-    return robot
 
 
 def _frame(label: str, row: Any) -> Frame:
@@ -298,15 +282,11 @@ def _chain(
 class Joint(NamedTuple):
     """A joint of a file, and the link that it moves."""
 
-    name: str
-    kind: str
+    row: Row
     way: str  # of PLACED_BY
     frame: Placement
     body: Body
-    stated: Mapping[str, float]  # numbers that the file states, by their names in STATED
-    unlimited: tuple[str, ...]  # limits that mean none
     accepted: bool
-    follows: tuple[str, float, float] | None  # leader, multiplier and offset
 
 
 def _joint(number: int, row: Any) -> Joint:
@@ -333,15 +313,11 @@ def _joint(number: int, row: Any) -> Joint:
     center = _array(f'center of {label}', row.get('center', ['0'] * 3), (3,))
     known, unlimited = known_limits(_numbers('limits', label, row, tuple(LIMIT_FIELDS)))
     return Joint(
-        row['name'],
-        row['type'],
+        Row(row['name'], row['type'], known | _losses(label, row), unlimited, follows),
         ways[0],
         _placed(label, ways[0], row[ways[0]]),
         (mass, center, symmetric(*(inertia.get(key, 0.0) for key in ELEMENTS))),
-        known | _losses(label, row),
-        unlimited,
         accepted,
-        follows,
     )
 
 

@@ -87,11 +87,7 @@ RESERVED = {
     'pinocchio': set(),
     'benchmarks': set(),
     'viser': {'pfd_ros.view'},
-    'rosbags': {
-        'pfd_ros.messages.columns',
-        'pfd_ros.messages.definitions',
-        'pfd_ros.replay.playlist',
-    },
+    'rosbags': {'pfd_ros.messages.columns', 'pfd_ros.replay.playlist'},
     'trimesh': {'pfd_ros.view'},
     'rclpy': {
         'pfd_ros.node',

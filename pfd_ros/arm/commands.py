@@ -24,7 +24,7 @@ from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.events import Change, RefusedError, Verdict
 from pfd_ros.arm.state import BRAKE, EFFORT, POSITION, VELOCITY, State
 from pfd_ros.messages.joints import JOINT_FIELDS, Joints, decode_joints
-from pfd_ros.messages.text_and_arrays import decode_floats
+from pfd_ros.messages.values import decode_floats
 from pfd_ros.text import cut, listed
 
 # Farther and faster than any joint goes, rad or m, rad/s or m/s; a simulation from there, or a

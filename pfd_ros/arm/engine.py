@@ -30,7 +30,7 @@ from pfd_ros.arm.outputs import Outputs
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.state import State
 from pfd_ros.messages.cdr import LAST_SECOND, NANOSECONDS
-from pfd_ros.messages.text_and_arrays import encode_string
+from pfd_ros.messages.values import encode_string
 from pfd_ros.text import cut
 
 RULES: dict[str, Callable[[Arm, bytes], Change]] = {

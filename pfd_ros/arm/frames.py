@@ -29,8 +29,7 @@ from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.arm.events import DESCRIPTION, TF, TF_STATIC, Message
-from pfd_ros.messages.numbers import transform_encoder
-from pfd_ros.messages.text_and_arrays import encode_string
+from pfd_ros.messages.values import encode_string, transform_encoder
 
 # A link that turns about z of the base.
 TURN = """<robot name="turn"><link name="base"/><link name="turned"><inertial><mass value="1"/>

@@ -31,9 +31,8 @@ from pfd_ros.arm.settings import Settings, check_counts, timeout_steps, typed_va
 from pfd_ros.arm.state import ACTED, NEXT, State
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import decode_joints
-from pfd_ros.messages.numbers import decode_clock, decode_numbers
-from pfd_ros.messages.text_and_arrays import decode_string, encode_string
 from pfd_ros.messages.types import INERTIA, WRENCH
+from pfd_ros.messages.values import decode_clock, decode_numbers, decode_string, encode_string
 from pfd_ros.text import cut, listed
 
 # pause, resume: stop or continue simulated time. step: a number of steps while paused. reset:

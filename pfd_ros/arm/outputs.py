@@ -36,9 +36,8 @@ from pfd_ros.arm.plant import Plant
 from pfd_ros.arm.state import ACTED
 from pfd_ros.messages.cdr import Encoder
 from pfd_ros.messages.joints import joint_encoder
-from pfd_ros.messages.numbers import encode_clock, encode_numbers, numbers_encoder
-from pfd_ros.messages.text_and_arrays import array_encoder
 from pfd_ros.messages.types import INERTIA, JOINT_STATE, POSE, WRENCH
+from pfd_ros.messages.values import array_encoder, encode_clock, encode_numbers, numbers_encoder
 
 TWIST_AXES = ('vx', 'vy', 'vz', 'wx', 'wy', 'wz')
 ENERGIES = ('kinetic', 'potential', 'power')

@@ -29,7 +29,7 @@ from pfd_ros.arm.commands import LARGEST_POSITION, check_reach, command, end
 from pfd_ros.arm.events import Change, RefusedError
 from pfd_ros.arm.state import EFFORT
 from pfd_ros.messages.cdr import NANOSECONDS
-from pfd_ros.messages.trajectory import decode_trajectory
+from pfd_ros.messages.values import decode_trajectory
 from pfd_ros.text import cut, listed
 
 TURN = 2.0 * np.pi

@@ -2,17 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bytes of ROS 2 messages to arrays and back, without ROS but for `matching`.
 
-    cdr                the wire format, one value at a time; messages that are laid out once
-    types              names of message types
-    definitions        definitions and hashes of types; rosbags does the work
-    joints             JointState
-    trajectory         JointTrajectory
-    numbers            a stamp and a fixed count of numbers: clock, pose, wrench; frames of links
-    text_and_arrays    String and Float64MultiArray
-    columns            the fields of messages of any type, by its definition; of many as arrays
-    qos                QoS profiles as rosbag2 writes them
-    topics             topics and message classes for nodes of rclpy
-    matching           why endpoints of other nodes are not connected
+    cdr         the wire format, one value at a time; messages that are laid out once
+    types       names of message types
+    joints      JointState
+    values      the other types that arms read or write
+    columns     definitions and hashes of types; the fields of any type, of many messages as arrays
+    qos         QoS profiles as rosbag2 writes them
+    topics      topics and message classes for nodes of rclpy
+    matching    why endpoints of other nodes are not connected
 
-A message type that arms read or write is a name in `types`, and its functions in one module.
+A message type that arms read or write is a name in `types`, and functions in `values`.
 """

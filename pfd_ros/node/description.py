@@ -19,7 +19,7 @@ import pfd_core as pfd
 from pfd_ros.arm.description import DescribedRobot, described_robot, parsed_urdf
 from pfd_ros.arm.events import DESCRIPTION
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.text_and_arrays import decode_string
+from pfd_ros.messages.values import decode_string
 from pfd_ros.node.endpoints import profile
 from pfd_ros.text import one_line
 

@@ -45,7 +45,7 @@ from pfd_ros.arm.settings import (
     joint_order,
     joint_values,
 )
-from pfd_ros.messages.text_and_arrays import encode_string
+from pfd_ros.messages.values import encode_string
 from pfd_ros.node.inbox import Changes
 from pfd_ros.node.services import ANSWER_SECONDS
 from pfd_ros.text import listed, one_line, similar

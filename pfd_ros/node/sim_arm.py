@@ -28,7 +28,7 @@ from pfd_ros.arm.plant import with_scene_text
 from pfd_ros.arm.plant_settings import ESTIMATED
 from pfd_ros.arm.settings import Settings
 from pfd_ros.files import existing
-from pfd_ros.messages.text_and_arrays import encode_string
+from pfd_ros.messages.values import encode_string
 from pfd_ros.node import parameters
 from pfd_ros.node.description import load_model
 from pfd_ros.node.diagnostics import ArmDiagnostics, MassKernels

@@ -16,7 +16,7 @@ from typing import Any
 import pfd_core as pfd
 from pfd_ros.arm.events import ASIDES, DESCRIPTION, ROLES, Message
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.text_and_arrays import decode_string
+from pfd_ros.messages.values import decode_string
 from pfd_ros.recording import format as names
 from pfd_ros.recording.bags import Bag
 from pfd_ros.recording.format import HeadKey, LogError, OtherLogError, damage_named

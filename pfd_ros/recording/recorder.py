@@ -26,7 +26,7 @@ from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 import pfd_core as pfd
 from pfd_ros.arm.events import CLOCK, CLOCK_TICKS, REQUESTS, ROLES, Message
 from pfd_ros.files import existing
-from pfd_ros.messages.definitions import definition_of, type_hash
+from pfd_ros.messages.columns import definition_of, type_hash
 from pfd_ros.messages.qos import Qos, qos_text
 from pfd_ros.recording import format as names
 from pfd_ros.recording.format import EndKey, HeadKey

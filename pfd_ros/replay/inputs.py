@@ -28,7 +28,7 @@ from pfd_ros.arm.other_inputs import encode_changes, encode_request
 from pfd_ros.arm.settings import PER_JOINT, joint_order, joint_values
 from pfd_ros.messages.cdr import NANOSECONDS, STAMP, TIME, Reader
 from pfd_ros.messages.joints import decode_joints, encode_joints
-from pfd_ros.messages.text_and_arrays import decode_floats, decode_string, encode_floats
+from pfd_ros.messages.values import decode_floats, decode_string, encode_floats
 from pfd_ros.recording.format import EndKey, LogError
 from pfd_ros.recording.log import Log
 from pfd_ros.text import cut

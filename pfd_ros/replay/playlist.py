@@ -26,7 +26,7 @@ import numpy as np
 
 from pfd_ros.arm.events import CLOCK_TICKS, INPUTS, ROLES
 from pfd_ros.messages.cdr import NANOSECONDS
-from pfd_ros.messages.definitions import known_types, store_of, type_hash
+from pfd_ros.messages.columns import known_types, store_of, type_hash
 from pfd_ros.messages.qos import Qos, offered_qos
 from pfd_ros.messages.topics import message_class
 from pfd_ros.recording.arrays import roles_of

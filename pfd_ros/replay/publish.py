@@ -35,9 +35,9 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
 from pfd_ros.messages.cdr import NANOSECONDS
-from pfd_ros.messages.numbers import encode_clock
 from pfd_ros.messages.qos import MOST_DEPTH, Qos
 from pfd_ros.messages.topics import message_class
+from pfd_ros.messages.values import encode_clock
 from pfd_ros.recording.bags import BagMessage
 from pfd_ros.recording.format import LogError
 from pfd_ros.replay.playlist import CLOCK, KNOWN_QOS, Playlist, PlayOptions, playlist

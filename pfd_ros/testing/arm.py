@@ -35,8 +35,8 @@ from pfd_ros.arm.settings import FIELDS, Settings, split_joints, with_joint_numb
 from pfd_ros.arm.state import State
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import encode_joints
-from pfd_ros.messages.numbers import encode_numbers
 from pfd_ros.messages.types import WRENCH as WRENCH_STAMPED
+from pfd_ros.messages.values import encode_numbers
 from pfd_ros.motion.metrics import Array
 from pfd_ros.recording.recorder import Recorder, topic_names
 from pfd_ros.replay.inputs import Input, run_inputs

@@ -25,7 +25,7 @@ from pfd_ros.arm.events import ACCEPTED, ARRAY, LABELS, NAMED, UNCLAIMED, Messag
 from pfd_ros.arm.state import BRAKE
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS, decode_joints
-from pfd_ros.messages.text_and_arrays import encode_floats
+from pfd_ros.messages.values import encode_floats
 from pfd_ros.motion.metrics import Array
 from pfd_ros.testing.patience import BlockedError, Watch
 from pfd_ros.testing.trajectory import Limits, Trajectory

@@ -37,8 +37,8 @@ from pfd_ros.arm.description import DescribedRobot
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import CLOCK, COMMANDS, DESCRIPTION, INPUTS, STATES, Message, Verdict
 from pfd_ros.messages.cdr import NANOSECONDS
-from pfd_ros.messages.text_and_arrays import encode_string
 from pfd_ros.messages.topics import UNKNOWN_NODE, node_of
+from pfd_ros.messages.values import encode_string
 from pfd_ros.motion.metrics import Array
 from pfd_ros.node.endpoints import chosen_topics, create_endpoints, topic_roles
 from pfd_ros.node.parameters import unknown_parameters

@@ -16,16 +16,13 @@ from pfd_ros.arm.events import Message as ArmMessage
 from pfd_ros.arm.events import Verdict
 from pfd_ros.arm.other_inputs import encode_changes, encode_request
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.columns import Decoder
-from pfd_ros.messages.definitions import known_types
+from pfd_ros.messages.columns import Decoder, known_types
 from pfd_ros.messages.joints import Joints, decode_joints, encode_joints
-from pfd_ros.messages.numbers import encode_clock, encode_numbers
-from pfd_ros.messages.text_and_arrays import encode_floats
-from pfd_ros.messages.trajectory import POINT_FIELDS
 from pfd_ros.messages.types import FLOAT_ARRAY as FLOAT_ARRAY_TYPE
 from pfd_ros.messages.types import INERTIA as INERTIA_TYPE
 from pfd_ros.messages.types import TRAJECTORY as TRAJECTORY_TYPE
 from pfd_ros.messages.types import WRENCH as WRENCH_TYPE
+from pfd_ros.messages.values import POINT_FIELDS, encode_clock, encode_floats, encode_numbers
 
 STEP_NS, SECOND_NS = 1_000_000, 1_000_000_000
 NAN, INF = float('nan'), float('inf')

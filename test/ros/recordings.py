@@ -20,7 +20,7 @@ from pfd_ros.arm.description import load_robot as load_arm_robot
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Message as ArmMessage
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.text_and_arrays import encode_string
+from pfd_ros.messages.values import encode_string
 from pfd_ros.recording.format import END as END_RECORD
 from pfd_ros.recording.log import Log as RecordedLog
 from pfd_ros.recording.mcap_records import records as mcap_records

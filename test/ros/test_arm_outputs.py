@@ -46,10 +46,10 @@ from pfd_ros.arm.plant import scene_of, with_scene_text
 from pfd_ros.arm.plant_settings import JOINT_EFFECTS, joint_settings
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.joints import decode_joints
-from pfd_ros.messages.numbers import decode_numbers
 from pfd_ros.messages.types import FLOAT_ARRAY as FLOAT_ARRAY_TYPE
 from pfd_ros.messages.types import INERTIA as INERTIA_TYPE
 from pfd_ros.messages.types import JOINT_STATE as JOINT_STATE_TYPE
+from pfd_ros.messages.values import decode_numbers
 
 # Not that of the model.
 _FIRST = ('wrist_1_joint', 'shoulder_pan_joint', 'elbow_joint')

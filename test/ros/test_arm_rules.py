@@ -40,7 +40,7 @@ from pfd_ros.arm.events import OPTIONAL as OPTIONAL_OUTPUTS
 from pfd_ros.arm.events import Message as ArmMessage
 from pfd_ros.arm.other_inputs import MOST_STEPS_AHEAD
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.text_and_arrays import decode_string, encode_string
+from pfd_ros.messages.values import decode_string, encode_string
 
 NAMES, TIP = ('shoulder', 'elbow'), 'tip_link'
 START = {'initial_positions': (0.3, -0.2)}

@@ -23,8 +23,8 @@ from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.frames import LinkFrames
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.columns import Decoder
-from pfd_ros.messages.text_and_arrays import decode_string
 from pfd_ros.messages.types import TRANSFORMS as TRANSFORMS_TYPE
+from pfd_ros.messages.values import decode_string
 
 ARM = ('shoulder', 'elbow')
 STOCK = 'joint_state_topic_hardware_interface/JointStateTopicSystem'

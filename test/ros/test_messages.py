@@ -22,33 +22,30 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 import yaml
 
 from pfd_ros.messages.cdr import HEADER
-from pfd_ros.messages.columns import Decoder
+from pfd_ros.messages.columns import Decoder, type_hash
+from pfd_ros.messages.columns import definition_of as definition_text
 from pfd_ros.messages.columns import joined as joined_columns
-from pfd_ros.messages.definitions import definition_of as definition_text
-from pfd_ros.messages.definitions import type_hash
 from pfd_ros.messages.joints import JOINT_FIELDS, decode_joints, encode_joints, joint_encoder
-from pfd_ros.messages.numbers import NUMBERS as MESSAGE_NUMBERS
-from pfd_ros.messages.numbers import (
-    decode_clock,
-    decode_numbers,
-    encode_clock,
-    encode_numbers,
-    numbers_encoder,
-    transform_encoder,
-)
 from pfd_ros.messages.qos import Qos, offered_qos, qos_text
-from pfd_ros.messages.text_and_arrays import (
-    array_encoder,
-    decode_floats,
-    decode_string,
-    encode_floats,
-    encode_string,
-)
 from pfd_ros.messages.types import CLOCK as CLOCK_TYPE
 from pfd_ros.messages.types import FLOAT_ARRAY as FLOAT_ARRAY_TYPE
 from pfd_ros.messages.types import JOINT_STATE as JOINT_STATE_TYPE
 from pfd_ros.messages.types import STRING as STRING_TYPE
 from pfd_ros.messages.types import TRANSFORMS as TRANSFORMS_TYPE
+from pfd_ros.messages.values import NUMBERS as MESSAGE_NUMBERS
+from pfd_ros.messages.values import (
+    array_encoder,
+    decode_clock,
+    decode_floats,
+    decode_numbers,
+    decode_string,
+    encode_clock,
+    encode_floats,
+    encode_numbers,
+    encode_string,
+    numbers_encoder,
+    transform_encoder,
+)
 
 STAMP = 12_345_678_901
 STAMPS = st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1)

@@ -29,7 +29,7 @@ from ros_processes import (
 )
 
 from pfd_ros.messages.joints import decode_joints
-from pfd_ros.messages.text_and_arrays import decode_string
+from pfd_ros.messages.values import decode_string
 from pfd_ros.recording.log import Log as RecordedLog
 from pfd_ros.replay.verify import verify as verify_log
 

@@ -30,7 +30,7 @@ from pfd_ros import read_log
 from pfd_ros.arm.events import BUSY
 from pfd_ros.cli.main import main as pfd_main
 from pfd_ros.messages.joints import encode_joints
-from pfd_ros.messages.text_and_arrays import encode_string
+from pfd_ros.messages.values import encode_string
 from pfd_ros.page.curves import Reference as PageReference
 from pfd_ros.page.findings import Finding as PageFinding
 from pfd_ros.page.page import TYPES as PAGE_TYPES

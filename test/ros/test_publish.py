@@ -35,8 +35,8 @@ from ros_processes import Peer, Process, Processes, call, qos
 
 from pfd_ros.arm.events import ROLES as ARM_ROLES
 from pfd_ros.cli.main import main as pfd_main
-from pfd_ros.messages.numbers import decode_clock
 from pfd_ros.messages.qos import Qos, qos_text
+from pfd_ros.messages.values import decode_clock
 from pfd_ros.recording.bags import Bag, BagMessage, BagTopic
 from pfd_ros.replay.playlist import INPUT_NAMES, is_command
 from pfd_ros.replay.playlist import choose as choose_topics

@@ -37,7 +37,7 @@ from recordings import NAMES, Run, aside, busy, rewritten, simulate
 from pfd_ros.arm.events import ROLES as ARM_ROLES
 from pfd_ros.arm.events import Message as ArmMessage
 from pfd_ros.cli.main import main as pfd_main
-from pfd_ros.messages.text_and_arrays import decode_string, encode_string
+from pfd_ros.messages.values import decode_string, encode_string
 from pfd_ros.node.inbox import Inbox
 from pfd_ros.recording.facts import facts as log_facts
 from pfd_ros.recording.facts import lines as fact_lines

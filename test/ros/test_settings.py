@@ -39,7 +39,7 @@ from pfd_ros.arm.plant_settings import JOINT_EFFECTS, joint_settings
 from pfd_ros.arm.settings import FIELDS as SETTING_ROWS
 from pfd_ros.arm.settings import REMOVED as REMOVED_SETTINGS
 from pfd_ros.arm.settings import Settings, split_joints, with_joint_numbers
-from pfd_ros.messages.text_and_arrays import decode_string
+from pfd_ros.messages.values import decode_string
 from pfd_ros.recording.log import Log as RecordedLog
 from pfd_ros.replay.verify import verify as verify_log
 

@@ -41,7 +41,7 @@ from pfd_ros.cli.main import commands_of as pfd_commands_of
 from pfd_ros.cli.main import main as pfd_main
 from pfd_ros.cli.main import parser as pfd_parser
 from pfd_ros.messages.joints import encode_joints
-from pfd_ros.messages.numbers import encode_numbers
+from pfd_ros.messages.values import encode_numbers
 from pfd_ros.view.logged import ShownLog
 from pfd_ros.view.page import Player as ViewPlayer
 from pfd_ros.view.page import address as view_address

@@ -17,7 +17,7 @@ from test_what_if import NAMES, STATES, H, numbers, taus
 
 import pfd_core as pfd
 from pfd_ros import read_log
-from pfd_ros.messages.text_and_arrays import encode_floats
+from pfd_ros.messages.values import encode_floats
 from pfd_ros.recording.format import LogError
 from pfd_ros.replay.verify import verify as verify_log
 from pfd_ros.replay.what_if import WhatIf, what_if

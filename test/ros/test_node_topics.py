@@ -477,9 +477,9 @@ def test_a_misspelt_parameter_among_many_of_other_nodes_is_named(processes):
 
 
 @pytest.mark.ros
-def test_diagnostics_are_of_one_plant_while_the_arm_takes_over_another():
+def test_diagnostics_are_of_one_plant_while_the_arm_takes_over_another(monkeypatch):
     from pfd_ros.node.diagnostics import ArmDiagnostics, MassKernels
-    from pfd_ros.node.inbox import Inbox
+    from pfd_ros.node.inbox import COMPILATION, Inbox
     from pfd_ros.node.report import Report
     from pfd_ros.node.stepping import Stepper
 
@@ -501,22 +501,29 @@ def test_diagnostics_are_of_one_plant_while_the_arm_takes_over_another():
     # As an input of native code, and as a constant.
     other = engine.plants.prepare(replace(settings, payload_mass=1.0))
     assert (bool(other.inputs), bool(engine.plant.inputs)) == (True, False)
-    kernels, report = MassKernels(engine), Report(None)
+    kernels, report = MassKernels(engine, other), Report(None)
     engine.plants_in_turn = cycle([engine.plant, other])
     stepper = Stepper(engine, Inbox(report.count), {}, report.count)
     graph = SimpleNamespace(mismatched=0, publishers={})
-    diagnostics = ArmDiagnostics(stepper, graph, report, kernels)
+    diagnostics, alone = ArmDiagnostics(stepper, graph, report, kernels), list[bool]()
+
+    def compiled(*given):
+        alone.append(COMPILATION.locked())
+        return MassKernels(*given)
+
+    monkeypatch.setattr('pfd_ros.node.diagnostics.MassKernels', compiled)
     for _ in range(4):
         names = [status.name for status in diagnostics.tasks()]
         assert names == ['stepping', 'commands', 'simulation', 'recording']
+    assert {*alone} == {True}
 
 
 @pytest.mark.ros
 def test_a_change_is_prepared_for_the_arm_that_the_change_before_it_made():
-    from pfd_ros.node.inbox import Changes, Inbox
+    from pfd_ros.node.inbox import COMPILATION, Changes, Inbox
 
-    inbox, stop, prepared = Inbox(print), threading.Event(), list[bytes]()
-    engine: Any = SimpleNamespace(prepare=lambda role, data: prepared.append(data))
+    inbox, stop, prepared = Inbox(print), threading.Event(), list[bool]()
+    engine: Any = SimpleNamespace(prepare=lambda *_: prepared.append(COMPILATION.locked()))
     changes = Changes(engine, inbox, print, nullcontext)
     for data in (b'1', b'2'):
         changes.put('parameters', data)
@@ -525,7 +532,8 @@ def test_a_change_is_prepared_for_the_arm_that_the_change_before_it_made():
     for count in (1, 2):
         ((_, verdict),) = inbox.take(5.0)
         time.sleep(0.05)  # for the second one, if it were prepared at once
-        assert len(prepared) == count
+        # None of the diagnostics is compiled meanwhile.
+        assert prepared == [True] * count
         verdict.set_result(Verdict('accepted'))
     stop.set()
     thread.join()

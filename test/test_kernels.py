@@ -21,9 +21,26 @@ from zoo import one_fast, random_chain, random_states, without_mass
 
 import pfd_core as pfd
 from pfd_core.dynamics.methods import ITERATIVE as ITERATIVE_METHODS
+from pfd_core.forking import no_fork
 from pfd_core.machine.emulator import run as run_program
 
 DTYPES = ('float64', 'float32')
+
+
+def test_a_call_with_a_payload_does_not_wait_for_compilations_on_other_threads() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'), scene=pfd.Scene(payload='input'))
+    payload, found = pfd.Payload(1.0), list[Any]()
+
+    def call() -> None:
+        found.append(kernel([0.1, 0.2], [0.0, 0.0], [1.0, 0.0], payload=payload))
+
+    call()
+    thread = threading.Thread(target=call, daemon=True)
+    with no_fork:  # as while a program is lowered
+        thread.start()
+        thread.join(60.0)
+        assert not thread.is_alive()
+    assert found[0].tolist() == found[1].tolist()
 
 
 @pytest.mark.usefixtures('small_blocks')

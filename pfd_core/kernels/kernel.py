@@ -16,7 +16,7 @@ Kernel.__call__, which converts its arguments or raises an error.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from functools import partial
+from functools import cache, partial
 from inspect import signature
 import math
 from typing import TYPE_CHECKING, Any
@@ -40,6 +40,15 @@ if TYPE_CHECKING:
 
 # Inputs that a scene needs, by name in a call and in a program.
 SCENE_INPUTS = ('wrench', 'free', 'p')
+
+
+@cache
+def _payload_inputs() -> Callable[..., dict[str, Any]]:
+    """Return the function; its module is imported once, as calls must not wait for compilers."""
+    with no_fork:
+        from pfd_core.dynamics.bodies import payload_inputs
+
+    return payload_inputs
 
 
 class Kernel:
@@ -289,10 +298,7 @@ class Kernel:
             raise ValueError(f'the kernel takes {", ".join(own)}, got {got}')
         given |= scene_inputs(self.scene, self.robot.n, self.dtype, wrench, brakes)
         if payload is not None or self.scene.payload == INPUT:
-            with no_fork:
-                from pfd_core.dynamics.bodies import payload_inputs
-
-            given |= payload_inputs(self.robot, self.scene, self.dtype, payload)
+            given |= _payload_inputs()(self.robot, self.scene, self.dtype, payload)
         return {
             name: real_array(name, given[name], self.dtype, (..., size), finite=False)
             for name, size in sizes.items()

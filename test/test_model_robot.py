@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 import copy
 from dataclasses import FrozenInstanceError, fields, replace
+from functools import reduce
 from itertools import permutations
 from pathlib import Path
 import pickle
@@ -547,6 +548,10 @@ def test_a_wrong_file_is_refused_and_the_key_named(text: str, message: str) -> N
         pfd.load_robot(text)
 
 
+# Each list holds the one before nine times.
+ALIASES = reduce(lambda inner, i: f'[&l{i} {inner}{f", *l{i}" * 8}]', range(11), '[1]')
+
+
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
@@ -554,6 +559,7 @@ def test_a_wrong_file_is_refused_and_the_key_named(text: str, message: str) -> N
         ('joints: &a [*a]\n', 'recursive node'),
         ('#' * 1_000_000 + '\n', 'has 1000001 characters'),
         ('robot: x\njoints: !!python/name:os.system x\n', "joints of 'x' must be a list, got 'x'"),
+        (ROWS.replace('[0, 0, 1e-3]', ALIASES), 'more than 1000000 values, aliases expanded'),
         ('joints: 1\n? [a]\n: b\n', 'unhashable key'),
         ('joints: {<<: 3}\n', "<< takes tables, got '3'"),
         ('joints: 1\njoints: 2\n', "key 'joints' occurs more than once in line 1"),

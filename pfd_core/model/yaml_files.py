@@ -71,6 +71,8 @@ from pfd_core.model.values import Array, number_from_text, quote, real_array, re
 
 # Four hundred joints are stored in 330 kB.
 MOST_CHARACTERS = 1_000_000
+# Values of a document: an alias of lists of aliases makes many of few characters.
+MOST_VALUES = 1_000_000
 
 # The words of YAML 1.2 for none, true and false.
 YAML_WORDS: dict[str, Any] = {
@@ -96,14 +98,14 @@ def read_yaml(text: str, source: str) -> Any:
     Return the document of a YAML text, made of dict, list and str.
 
     Anchors, aliases and merge keys may be used. ValueError, which names the `source`, if it is no
-    YAML, has two equal keys or is too large.
+    YAML, has two equal keys or is too large with its aliases expanded.
     """
     if len(text) > MOST_CHARACTERS:
         raise ValueError(
             f'{quote(source)} has {len(text)} characters; a YAML file may have {MOST_CHARACTERS}'
         )
     try:
-        return _Loader(text).get_single_data()
+        found = _Loader(text).get_single_data()
     except yaml.YAMLError as error:
         problem = getattr(error, 'problem', None) or getattr(error, 'reason', None) or 'unreadable'
         mark = getattr(error, 'problem_mark', None)
@@ -111,6 +113,17 @@ def read_yaml(text: str, source: str) -> Any:
         raise ValueError(f'{quote(source)} is not YAML: {quote(problem)[1:-1]}{line}') from error
     except RecursionError as error:
         raise ValueError(f'{quote(source)} is nested too deep') from error
+    count, left = 0, [found]
+    while left:
+        value = left.pop()
+        count += 1
+        if count > MOST_VALUES:
+            raise ValueError(
+                f'{quote(source)} has more than {MOST_VALUES} values, aliases expanded'
+            )
+        if isinstance(value, (list, dict)):
+            left += value if isinstance(value, list) else value.values()
+    return found
 
 
 def is_described(text: str) -> bool:

@@ -225,7 +225,8 @@ def test_a_lockstep_run_has_the_same_bits_each_time(processes, peer_of):
     for name in ('a.mcap', 'b.mcap'):
         arm = processes.arm(
             *('robot:=planar2', f'recording:={name}', 'noise.position:=0.01'),
-            *(*START, *LOCKSTEP, 'wait_for_controller:=true'),
+            # A stamp of 0 means now.
+            *(*START, *LOCKSTEP, 'wait_for_controller:=true', 'start_time:=0.001'),
         )
         controller = processes.forked('answering')
         peer = peer_of(processes)

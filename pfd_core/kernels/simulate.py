@@ -307,7 +307,7 @@ class _Arms(Script):
         self._move(name, name, 0, False)
 
     def report(self, names: Sequence[str], step: str) -> None:
-        """Copy arrays of the frame to the row of a step of those that are written."""
+        """Copy arrays of the frame to the row that is written at a step."""
         row = self.code.integer('udiv', step, self.plan['every'])
         for name in names:
             k = self._steps.written.index(name)

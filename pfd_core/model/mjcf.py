@@ -260,7 +260,7 @@ def _urdf(mujoco: Any, model: Any) -> str:
         if i in free or not link:
             links.append('')
             continue
-        # The frame of the body in that of the link, which the first joint turns.
+        # The frame of the body, in the frame of the link that the first joint turns.
         R, here = _rotation(mujoco, model.body_quat[i]), model.body_pos[i]
         own = _joints_of(model, i)
         for j in own:

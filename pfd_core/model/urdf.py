@@ -124,7 +124,7 @@ class Urdf:
     text, source : str
         The URDF itself, xacro expanded, and its origin.
     unread : tuple of str
-        Elements and attributes that are not read, each name once; not those of other tools.
+        Elements and attributes that are not read, each name once, except those of other tools.
     tip : str, optional
         The tip of the arm by default, if the robot has a name.
 

@@ -428,7 +428,7 @@ class EventWriter:
             s.fill(KNOWN, 1.0, 1)
 
     def _first(self, s: Script, sliding: bool = True) -> None:
-        """Write the accelerations of the first stage; those of `sliding` arms may be known."""
+        """Write the accelerations of the first stage; `sliding` arms may know theirs."""
         if self.segment.damped:
             self._slope_at(s, 'K0', 'begin', 'q', 'qd', self.segment.tau[0], sliding)
         else:

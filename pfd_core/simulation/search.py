@@ -69,9 +69,9 @@ def narrow(law: Law, at: Inputs) -> Outputs:
     Return the bracket after a look, and of the end of the search.
 
     Inputs are the margins g, slopes d and noise at r, the same at L and R; scale, sizes of
-    margins; span, the length of the segment; and count, that of looks. Outputs are the bracket,
-    `worn` if it is used up, `seek`, and at the end delta, the length of the Taylor step, and
-    `fired`, the margins that are zero there.
+    margins; span, the length of the segment; and count, the number of looks. Outputs are the
+    bracket, `worn` if it is used up, `seek`, and at the end delta, the length of the Taylor step,
+    and `fired`, the margins that are zero there.
     """
     g, d, gL, dL, gR, dR = at.g, at.d, at.g_L, at.d_L, at.g_R, at.d_R
     L, R, r, h = at.single('L', 'R', 'r', 'span')

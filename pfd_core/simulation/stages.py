@@ -16,9 +16,9 @@ whole step the exponentials are constants, rounded correctly. For other lengths 
     exp(-z) = (1 - z/3) / (1 + 2 z/3 + z^2/6),   z = t/T
 
 of third order, which falls to zero with z, so that the lag is stable for any T (Hairer and Wanner,
-Solving Ordinary Differential Equations II, 2nd ed., IV.3). The first stage, of weight b0, takes
-the torque before the step for that of a part |b0| of the step: a T of less than half of this part
-is closer to none.
+Solving Ordinary Differential Equations II, 2nd ed., IV.3). The first stage, of weight b0, uses
+the torque before the step, as if it acted for a part |b0| of the step. Where T is less than half
+of this part, no lag at all is closer to the truth.
 
 Compensated positions are sums q + q_low, whose second part holds the digits below q:
 q' = fl(q + y) with y = fl(dq + q_low), and q_low' = (q + y) - q' exactly (D. E. Knuth, The Art of

@@ -60,8 +60,8 @@ class Tableau:
     end : int
         Of an embedded pair (pfd_core.simulation.embedded_pairs) the stage at the end of the step.
     estimates, tail : tuple of tuple of float
-        Of a pair the weights of its estimates of the error, (2, s), that of higher order first,
-        and of the rows of its dense output after the third, (4, s).
+        Of an embedded pair: the weights of its two error estimates, (2, s), the higher order
+        first; and the weights of its dense output from the fourth row on, (4, s).
 
     """
 

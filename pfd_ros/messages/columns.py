@@ -63,9 +63,9 @@ def _known(kind: str) -> Typestore:
 
 @lru_cache(64)  # the code that decodes a type is generated for each store
 def store_of(kind: str, definition: str) -> Typestore:
-    """Return the types of a definition (`ros2msg`); ValueError for one that cannot be used.
+    """Return the types of a definition (`ros2msg`); ValueError if it cannot be used.
 
-    Such a one cannot be read, lacks a type, has one that uses itself, or has too many fields.
+    It may be unreadable, lack a type, have a type that uses itself, or have too many fields.
     """
     if len(definition) > TEXT_BYTES:
         raise ValueError(

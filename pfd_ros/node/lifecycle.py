@@ -230,7 +230,7 @@ class SimArmNode(LifecycleNode):
             return callback(request, response)
         except Exception as error:
             if isinstance(request, ChangeState.Request):
-                # One that there is not: those of the arm raise nothing.
+                # The arm has no such transition in this state: its own transitions raise nothing.
                 wanted, (_, state) = request.transition, self._state_machine.current_state
                 name = cut(wanted.label) or wanted.id
                 self._report.add('transitions', f'{name!r} from the state {state}')

@@ -300,9 +300,13 @@ class Settings(CommandSettings, PlantSettings, DescriptionSettings, SensorSettin
     def started(self, now: float, reached_ns: int) -> Settings:
         """Return settings with the time of day `now`, s, in the place of -1.
 
-        Without a followed clock, simulated time does not begin before a stamp, ns.
+        Without a followed clock, simulated time does not begin before a stamp, ns. It does not
+        begin at 0 if the first state waits for a command: there a stamp of 0 means now, so a
+        second answer to that state would be one to the next.
         """
         start = int(now * 1000) / 1000 if self.start_time == TIME_OF_DAY else self.start_time
+        if self.lockstep and self.wait_for_controller and not round(start * NANOSECONDS):
+            start = self.step_size
         while not self.follows_clock and round(start * NANOSECONDS) < reached_ns:
             start = max(reached_ns / NANOSECONDS, math.nextafter(start, math.inf))
         return dataclasses.replace(self, start_time=start)

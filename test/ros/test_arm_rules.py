@@ -426,6 +426,14 @@ def test_in_lockstep_the_arm_waits_at_published_states_alone():
     assert set(found) == {(True, True, True), (False, False, False)}
 
 
+@pytest.mark.parametrize('start', [0.0, 1e-10, 0.0005])
+def test_a_second_answer_to_the_first_state_of_a_run_in_lockstep_is_stale(start):
+    waits = {'lockstep': True, 'wait_for_controller': True, 'start_time': start}
+    engine = made(**{**waits, 'start_time': Settings(**waits).started(7.0, 0).start_time})
+    answer = named(NAMES, [1.0, 2.0], stamp_ns=engine.stamp_ns)
+    assert [engine.step([answer])[1][0].label for _ in range(2)] == ['accepted', 'stale']
+
+
 def test_after_a_reset_a_failed_arm_continues_at_the_time_of_its_cycle():
     engine, fresh = failed(**START), made(**START, **UNLIMITED)
     assert engine.state.failures == 1

@@ -225,8 +225,7 @@ def test_a_lockstep_run_has_the_same_bits_each_time(processes, peer_of):
     for name in ('a.mcap', 'b.mcap'):
         arm = processes.arm(
             *('robot:=planar2', f'recording:={name}', 'noise.position:=0.01'),
-            # A stamp of 0 means now.
-            *(*START, *LOCKSTEP, 'wait_for_controller:=true', 'start_time:=0.001'),
+            *(*START, *LOCKSTEP, 'wait_for_controller:=true'),
         )
         controller = processes.forked('answering')
         peer = peer_of(processes)

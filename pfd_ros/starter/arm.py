@@ -72,9 +72,12 @@ def arm_of(source: str | None, log: Path | None, tip: str) -> Arm:
     elif arrays is not None and arrays.settings is not None:
         recorded, label = Log(arrays.path), name
         text = recorded.description or pfd.robot_to_urdf(recorded.robot)
+        urdf = parsed_urdf(text, f'the model of {label}')
         given = {key: getattr(recorded.settings, key) for key in PLAIN}
-        if not recorded.description:
-            given |= {'tip_link': recorded.robot.tip, 'locked': (), 'locked_positions': ()}
+        given['tip_link'] = recorded.robot.tip
+        if urdf.joints.keys().isdisjoint(given['locked']):
+            # A URDF that is written of a robot in YAML has no locked joints.
+            given |= {'locked': (), 'locked_positions': ()}
         if tip not in ('', recorded.robot.tip):
             raise ValueError(f'--tip must be that of {name}, {recorded.robot.tip!r}, got {tip!r}')
         settings = replace(settings, **given | {'initial_positions': ()})

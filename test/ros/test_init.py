@@ -64,7 +64,8 @@ def parameters(package: Path) -> dict[str, Any]:
 
 def record(folder: Path, **settings: Any) -> Path:
     path = folder / 'run.mcap'
-    with LockstepArm(folder / 'arm.urdf', locked=['finger'], recording=path, **settings) as arm:
+    settings = {'robot': folder / 'arm.urdf', 'locked': ['finger'], **settings}
+    with LockstepArm(recording=path, **settings) as arm:
         arm.run(lambda t, q, qd: 0.0 * q, 0.1)
     return path
 
@@ -210,6 +211,16 @@ def test_a_recording_gives_its_arm_and_says_what_is_left(folder, capsys, setting
     assert told.isdisjoint(arm)
     urdf = (folder / 'mine' / 'mine' / 'arm.urdf').read_text(encoding='utf-8')
     assert urdf == gripper_arm.urdf()
+
+
+def test_a_recording_of_a_robot_by_name_gives_the_arm_without_its_locked_joint(folder):
+    record(folder, robot='ur5', locked=['wrist_3_joint'], locked_positions=[0.7])
+    package = init('--bag', 'run.mcap')
+    arm = parameters(package)['sim_arm']
+    found = pfd.load_robot(package / 'mine' / 'arm.urdf', tip=arm['tip_link'])
+    recorded = pfd.load_robot('ur5', locked={'wrist_3_joint': 0.7})
+    assert (found.joint_names, found.tip) == (recorded.joint_names, recorded.tip)
+    assert found.inertias == pytest.approx(recorded.inertias, rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -44,6 +44,8 @@ RULES: dict[str, Callable[[Arm, bytes], Change]] = {
     events.PAYLOAD: other_inputs.payload,
     events.CLOCK_TICKS: other_inputs.tick,
 }
+# What an arm waits for that has done the steps up to the last tick.
+NO_CLOCK = 'waiting for the followed /clock'
 # No message that means something is longer.
 LARGEST = 1 << 16
 # Refused inputs of a kind, role and label, are recorded up to so many bytes in a simulated second,
@@ -93,7 +95,7 @@ class Engine(Arm):
             # Simulated time of a failed arm is stopped; its cycles continue.
             following_ns = state.origin_ns + (state.cycle + 1) * self._step_ns
             if state.until_ns is None or following_ns > state.until_ns:
-                return 'waiting for the followed /clock'
+                return NO_CLOCK
         return 'waiting for a command (lockstep)' if state.waits and state.jump is None else ''
 
     @property

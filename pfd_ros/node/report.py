@@ -17,7 +17,7 @@ from typing import Any
 from pfd_ros.arm import events
 from pfd_ros.arm.actuators import timeout_text
 from pfd_ros.arm.advice import Speeding, speeding, stated
-from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.engine import NO_CLOCK, Engine
 from pfd_ros.arm.events import Verdict
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.node.endpoints import Endpoints
@@ -198,7 +198,7 @@ def report_arm(report: Report, stepper: Stepper, endpoints: Endpoints) -> None:
     )
     report.line('lagging', stepper.lagging, text)
     since = max(stepper.started, report.newest.get(events.CLOCK_TICKS, 0.0))
-    silent = int(time.monotonic() - since) if state.settings.follows_clock else 0
+    silent = int(time.monotonic() - since) if engine.awaited == NO_CLOCK else 0
     if silent >= LOST_CLOCK_SECONDS and not report.closing:
         topic = endpoints.topic(events.CLOCK_TICKS)
         text = f'no {topic} for {silent} s: simulation paused until it is received again'

@@ -50,7 +50,7 @@ from pfd_ros.testing.loop import (
 )
 from pfd_ros.testing.patience import PATIENCE_SECONDS, START_PATIENCE_SECONDS
 from pfd_ros.testing.process import check_words, plain
-from pfd_ros.testing.trajectory import Trajectory
+from pfd_ros.testing.trajectory import Trajectory, numbers
 from pfd_ros.text import cut, did_you_mean
 
 # Numbers in published order, or by joint name.
@@ -232,8 +232,9 @@ class LockstepArm:
         from pfd_ros.testing.nodes import node_link
 
         allowed = checked_reasons(allow_rejected)
-        if controller_period is not None and not controller_period > 0.0:
-            raise ValueError(f'controller_period is {controller_period!r}, expected above 0, s')
+        if controller_period is not None:
+            name, text = 'controller_period', 'one number above 0'
+            numbers(name, controller_period, ((),), text, lambda x: x > 0.0)
         if not self.engine.roles:
             state, self.engine = self.engine.save(), self._new_engine(events.ALL)
             self.engine.restore(state)
@@ -303,10 +304,9 @@ class LockstepArm:
         origin, N and N m. The arm needs the setting external_wrench=True; external_wrench_timeout
         ends them.
         """
-        for label, vector in (('force', force), ('torque', torque)):
-            if len(vector) != 3:
-                raise ValueError(f'{label} has {len(vector)} numbers, expected 3')
-        wrench, frame = [*map(float, (*force, *torque))], frame or self.robot.tip
+        vectors = (('force', force), ('torque', torque))
+        halves = [numbers(name, x, ((3,),), '3 finite numbers') for name, x in vectors]
+        wrench, frame = np.concatenate(halves).tolist(), frame or self.robot.tip
         self._demand(events.WRENCH, encode_numbers(WRENCH_STAMPED, 0, frame, wrench))
         self.pushes.append((self.time, wrench))
 
@@ -407,12 +407,9 @@ def _check_names(names: Collection[str]) -> None:
 
 def _by_joint(names: Sequence[str], label: str, values: JointValues) -> Array:
     """Return a number for each joint (n,), NaN for joints without one; ValueError for others."""
-    if not isinstance(values, Mapping):
-        array = np.asarray(values, np.float64)
-        if array.shape != (len(names),):
-            raise ValueError(f'{label} has shape {array.shape}, expected ({len(names)},)')
-        return array
-    unknown = sorted(set(values) - set(names))
-    if unknown:
-        raise ValueError(f'{label} names {unknown}, expected joints of {list(names)}')
-    return np.array([float(values.get(joint, np.nan)) for joint in names])
+    if isinstance(values, Mapping):
+        unknown = sorted(set(values) - set(names))
+        if unknown:
+            raise ValueError(f'{label} names {unknown}, expected joints of {list(names)}')
+        values = [values.get(joint, np.nan) for joint in names]
+    return numbers(label, values, ((len(names),),), f'({len(names)},) numbers', np.isreal)

@@ -28,7 +28,7 @@ from pfd_ros.messages.joints import JOINT_FIELDS, decode_joints
 from pfd_ros.messages.values import encode_floats
 from pfd_ros.motion.metrics import Array
 from pfd_ros.testing.patience import BlockedError, Watch
-from pfd_ros.testing.trajectory import Limits, Trajectory
+from pfd_ros.testing.trajectory import Limits, Trajectory, numbers
 from pfd_ros.text import did_you_mean, listed, one_line
 
 # The role and the bytes of a message.
@@ -90,8 +90,7 @@ def run(arm: Any, link: Link, seconds: float, allowed: Collection[str] = ()) -> 
     `allowed` has reasons for which commands may be rejected. Errors are those of the arm and of
     the link; ValueError unless the seconds are finite and above zero.
     """
-    if not 0.0 < seconds < math.inf:
-        raise ValueError(f'seconds is {seconds!r}, expected above zero and finite')
+    numbers('seconds', seconds, ((),), 'one finite number above 0', lambda x: 0.0 < x < math.inf)
     engine, silent = arm.engine, link.silent
     settings = engine.state.settings
     every = settings.publish_every
@@ -165,8 +164,8 @@ def rejection(command: Command, verdict: Verdict, engine: Engine) -> Verdict | N
         return None
     joints = decode_joints(command[1])
     kinds = JOINT_FIELDS if engine.actuators.servo else ('effort',)
-    numbers = [x for x in (getattr(joints, kind) for kind in kinds) if len(x)]
-    without = np.flatnonzero(np.isnan(numbers).all(axis=0)).tolist()
+    arrays = [x for x in (getattr(joints, kind) for kind in kinds) if len(x)]
+    without = np.flatnonzero(np.isnan(arrays).all(axis=0)).tolist()
     left = [joints.names[j] for j in without if joints.names[j] in engine.names]
     return Verdict('all_nan', f'NaN for {listed(left)}') if left else None
 

@@ -16,6 +16,7 @@ not promise it. `notes` reports what is seen of nodes that are not repeatable.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from inspect import iscoroutinefunction
@@ -44,7 +45,7 @@ from pfd_ros.node.endpoints import chosen_topics, create_endpoints, topic_roles
 from pfd_ros.node.parameters import unknown_parameters
 from pfd_ros.testing.loop import Command, ControllerError, NoAnswerError, RejectedError
 from pfd_ros.testing.patience import BlockedError, Watch
-from pfd_ros.testing.process import ControllerProcess
+from pfd_ros.testing.process import ControllerProcess, node_named
 from pfd_ros.text import listed, one_line
 
 # Commands of two topics at once are taken in this order, for that between topics is chance.
@@ -202,10 +203,8 @@ def node_link(
     # Without the context, nothing of rclpy waits: clock.sleep_for() hears of no signal.
     watch = Watch(patience, get_default_context().try_shutdown)
     # No services, log topic and event handlers: each makes every wait longer.
-    own = Node(
-        'sim_arm',
-        cli_args=['--ros-args', *ros_args],
-        enable_rosout=False,
+    own = node_named(
+        ros_args,
         start_parameter_services=False,
         parameter_overrides=[NodeParameter('start_type_description_service', value=False)],
     )
@@ -319,7 +318,6 @@ class NodeLink:
         pairs = self._node.get_node_names_and_namespaces()
         listed = [f'{space.rstrip("/")}/{name}' for name, space in pairs if name[0] != '_']
         names = set(listed)
-        self._twins = sorted(name for name in names if listed.count(name) > 1)
         self._peers = {
             name: self._peers.get(name) or _Peer(self._node, name) for name in sorted(names - here)
         }
@@ -328,8 +326,11 @@ class NodeLink:
                 peer.greet(now)
         # The nodes of a process share the participant of the middleware, or count as several.
         events = self._node.get_publishers_info_by_topic(EVENTS)
-        participants = {node_of(x): bytes(x.endpoint_gid[:PARTICIPANT_BYTES]) for x in events}
-        self._places = {participants.get(name, name) for name in self._peers}
+        places = {(node_of(x), bytes(x.endpoint_gid[:PARTICIPANT_BYTES])) for x in events}
+        counts = Counter(name for name, _ in places if name in names)
+        self._twins = sorted(name for name, count in counts.items() if count > 1)
+        self._places = {place for name, place in places if name in self._peers}
+        self._places |= self._peers.keys() - counts.keys()
 
     def _others(self) -> list[tuple[str, str]]:
         """Return role and node of each end of the arm's topics and each reader of events."""
@@ -364,8 +365,9 @@ class NodeLink:
         if STATES not in roles and CLOCK not in roles:
             yield f'nobody subscribes to {ends.topic(STATES)} or /clock'
         if len(self._places) < len(self._processes):
-            several = f', several with the name {self._twins}' if self._twins else ''
-            yield f'nodes of {len(self._places)} of {len(self._processes)} processes{several}'
+            yield f'nodes of {len(self._places)} of {len(self._processes)} processes'
+        if self._twins:
+            yield f'several processes have nodes with the names {self._twins}'
         for name, peer in self._peers.items():
             if peer.sim_time is None:
                 yield f'{name} does not reply on {name}/get_parameters'

@@ -17,6 +17,8 @@ import traceback
 from types import FrameType
 from typing import Any
 
+from pfd_ros.testing.trajectory import numbers
+
 # Longest time for the answer to a message, and until a controller of another process is found, s
 # of wall time, by default.
 PATIENCE_SECONDS, START_PATIENCE_SECONDS = 5.0, 20.0
@@ -50,8 +52,7 @@ class Watch:
     __slots__ = ('_before', '_blocked', '_ended', '_wake', 'patience', 'since', 'stack')
 
     def __init__(self, patience: float, wake: Callable[[], object] = lambda: None) -> None:
-        if not patience > 0.0:
-            raise ValueError(f'patience is {patience!r}, expected above zero, s')
+        numbers('patience', patience, ((),), 'one number above 0', lambda x: x > 0.0)
         self.patience, self._wake = patience, wake
         self.since = self._blocked = 0.0
         self.stack = ''

@@ -131,6 +131,19 @@ def check_words(label: str, words: Any) -> None:
         raise ValueError(f'{label} is {words!r}, expected a list such as {words.split()}')
 
 
+def node_named(ros_args: Sequence[str], **options: Any) -> Any:
+    """Return a node `sim_arm` without log topic; ValueError for `ros_args` that ROS refuses."""
+    from rclpy.node import Node
+
+    try:
+        words = ['--ros-args', *ros_args]
+        return Node('sim_arm', cli_args=words, enable_rosout=False, **options)
+    except (RuntimeError, TypeError) as error:
+        # Some of these errors have nothing but the words.
+        text = f"words that follow --ros-args, such as ['-r', '__ns:=/left']: {error}"
+        raise ValueError(f'ros_args is {ros_args!r}, expected {text}') from error
+
+
 class ControllerProcess(ChildProcess):
     """A controller as a running process, in the ROS domain of the test; program and arguments."""
 
@@ -183,7 +196,7 @@ class NodeProcess(ControllerProcess):
         check_words('ros_args', ros_args)
         names = {row.field: row.name for row in FIELDS}
         chosen = {names.get(name, name): plain(value) for name, value in parameters.items()}
-        self._ros_args = ['--ros-args', *ros_args]
+        self._ros_args = ros_args
         # Whether `wait` has raised its error.
         self._failed = False
         folder = tempfile.mkdtemp(prefix='pfd_ros_')
@@ -192,7 +205,7 @@ class NodeProcess(ControllerProcess):
             chosen['scene'] = os.path.join(folder, 'scene.yaml')
             parameters['scene'].save(chosen['scene'])
         file.write_text(yaml.safe_dump({'/**': {'ros__parameters': chosen}}), encoding='utf-8')
-        command = [sys.executable, '-m', 'pfd_ros.node.main', *self._ros_args]
+        command = [sys.executable, '-m', 'pfd_ros.node.main', '--ros-args', *ros_args]
         super().__init__([*command, '--params-file', file], folder)
 
     def wait(self) -> None:
@@ -204,13 +217,13 @@ class NodeProcess(ControllerProcess):
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.node import Node
 
-        named = Node('sim_arm', cli_args=self._ros_args, enable_rosout=False)
+        deadline, self._failed = time.monotonic() + NODE_START_SECONDS, True
+        named = node_named(self._ros_args)
         service = named.resolve_service_name('~/get_state')
         named.destroy_node()
         asking = Node('_sim_node_starts', enable_rosout=False)
         client, executor = asking.create_client(GetState, service), SingleThreadedExecutor()
         executor.add_node(asking)
-        deadline, self._failed = time.monotonic() + NODE_START_SECONDS, True
         while self._failed and not self.end() and time.monotonic() < deadline:
             if client.service_is_ready():
                 # The node answers once it has configured and activated itself.

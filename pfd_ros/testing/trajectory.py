@@ -4,10 +4,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 import math
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +17,7 @@ from pfd_ros.messages.joints import JOINT_FIELDS, unit_of
 from pfd_ros.motion import metrics
 from pfd_ros.motion.metrics import Array
 from pfd_ros.motion.symptoms import Samples, diagnosis, text_of
+from pfd_ros.text import one_line
 
 # One joint by name, several, or all.
 Joints: TypeAlias = str | Sequence[str] | None
@@ -282,7 +283,7 @@ class Trajectory:
     ) -> None:
         """Check distances (N, n) from goals, or (N, 1) of the tip; `after` is named."""
         __tracebackhide__ = True
-        _check_bounds(within=within, rms=rms)
+        _check_bounds(within=within, rms=rms, **dict([after]))
         if within == rms == math.inf:
             raise ValueError('expected within=..., rms=... or both')
         late = self.time - self.time[0] >= after[1]
@@ -419,28 +420,40 @@ class Trajectory:
 
     def _per_joint(self, name: str, value: ArrayLike) -> Array:
         """Return a number for each joint (n,), none of them NaN; one number means all."""
-        array, count = np.asarray(value, np.float64), len(self.names)
-        if array.shape not in ((), (count,)) or np.isnan(array).any():
-            raise ValueError(
-                f'{name} has shape {array.shape}, expected one number or ({count},), '
-                f'one for each of {list(self.names)}, and none NaN'
-            )
-        return np.broadcast_to(array, (count,))
+        shape = (len(self.names),)
+        text = f'one number or {shape}, one for each of {list(self.names)}, and none NaN'
+        return np.broadcast_to(
+            numbers(name, value, ((), shape), text, lambda x: ~np.isnan(x)), shape
+        )
 
     def _rows(self, name: str, value: Reference, columns: int) -> Array:
         """Return finite values in each row, (N, columns)."""
         rows = [value(t) for t in self.time.tolist()] if callable(value) else value
-        array, shape = np.asarray(rows, np.float64), (len(self.time), columns)
-        if array.shape not in ((), (columns,), shape) or not np.isfinite(array).all():
-            raise ValueError(
-                f'{name} has shape {array.shape}, expected finite numbers in {shape}, '
-                f'({columns},) or a function of the time that returns them'
-            )
-        return np.broadcast_to(array, shape)
+        shape = len(self.time), columns
+        text = f'finite numbers in {shape}, ({columns},) or a function of the time that '
+        text += 'returns them'
+        return np.broadcast_to(numbers(name, rows, ((), (columns,), shape), text), shape)
+
+
+def numbers(
+    name: str,
+    value: Any,
+    shapes: Collection[tuple[int, ...]],
+    expected: str,
+    valid: Callable[[Array], Any] = np.isfinite,
+) -> Array:
+    """Return numbers that have one of some shapes and are valid; ValueError for anything else."""
+    try:
+        array = np.asarray(value)
+    except ValueError:  # rows of unequal lengths
+        array = np.asarray(value, object)
+    if array.dtype.kind not in 'iuf' or array.shape not in shapes or not np.all(valid(array)):
+        shape = f' of shape {array.shape}' if array.ndim else ''
+        raise ValueError(f'{name} is {one_line(repr(value), 100)}{shape}, expected {expected}')
+    return array.astype(np.float64, copy=False)
 
 
 def _check_bounds(**bounds: float) -> None:
     """Raise ValueError for a bound of an assertion that is not a number or is negative."""
     for name, value in bounds.items():
-        if np.ndim(value) or not value >= 0.0:
-            raise ValueError(f'{name} is {value!r}, expected one number, 0 or above')
+        numbers(name, value, ((),), 'one number, 0 or above', lambda x: x >= 0.0)

@@ -16,6 +16,7 @@ import time
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
+from arm_messages import tick
 import gripper_arm
 import numpy as np
 import pytest
@@ -516,6 +517,25 @@ def test_diagnostics_are_of_one_plant_while_the_arm_takes_over_another(monkeypat
         names = [status.name for status in diagnostics.tasks()]
         assert names == ['stepping', 'commands', 'simulation', 'recording']
     assert {*alone} == {True}
+
+
+@pytest.mark.ros
+def test_an_arm_that_catches_up_with_a_followed_clock_has_not_lost_it():
+    from pfd_ros.node.inbox import Inbox
+    from pfd_ros.node.report import Report, report_arm
+    from pfd_ros.node.stepping import Stepper
+
+    settings = Settings(robot='planar2', time_source='clock', publish_clock=False)
+    engine, lines = Engine(settings, pfd.load_robot('planar2')), list[str]()
+    engine.step([tick(0), tick(9 * MILLISECOND)])
+    report = Report(SimpleNamespace(warning=lines.append))
+    stepper = Stepper(engine, Inbox(report.count), {}, report.count)
+    stepper.started -= 100.0
+    for expected in (0, 1):
+        report_arm(report, stepper, SimpleNamespace(topic=str))
+        assert [line.startswith('no clock_ticks for 100 s') for line in lines] == [True] * expected
+        while not engine.waiting:
+            engine.step()
 
 
 @pytest.mark.ros

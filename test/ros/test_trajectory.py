@@ -167,7 +167,7 @@ def test_assertions_check_the_named_joints():
     with pytest.raises(ValueError, match='by is 3'):
         found.assert_settles(1.0, within=1.0, by=3.0)
     for target in ([1, 2, 3], math.nan):
-        with pytest.raises(ValueError, match=r'target has shape \(3?,?\)'):
+        with pytest.raises(ValueError, match=r'target is .*, expected one number or \(2,\)'):
             found.assert_overshoot_below(0.1, target)
     for bound in (math.nan, -1.0, [0.1, 0.1]):
         for assertion in (
@@ -211,8 +211,10 @@ def test_a_motion_tracks_a_reference_within_its_largest_error_and_its_rms():
     assert (times == TIME).all()
     assert (positions == exact).all()
     for wrong, text in (
-        ({'within': 0.1, 'reference': np.zeros((3, 2))}, r'reference has shape \(3, 2\)'),
+        ({'within': 0.1, 'reference': np.zeros((3, 2))}, r'reference is .* of shape \(3, 2\)'),
         ({'within': 0.1, 'reference': [math.nan, 0.0]}, 'expected finite numbers'),
+        ({'within': 0.1, 'reference': {'a': 0.0, 'b': 0.5}}, "reference is {'a': 0.0, "),
+        ({'within': '1', 'reference': sine}, "within is '1', expected one number"),
         ({'reference': sine}, 'expected within=..., rms=... or both'),
         ({'within': 0.1, 'reference': sine, 'after': 3.0}, 'after is 3 s, expected at most'),
     ):

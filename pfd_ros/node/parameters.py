@@ -26,7 +26,6 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
-from rclpy.exceptions import ParameterUninitializedException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 import yaml
@@ -75,6 +74,7 @@ def _descriptor(row: Row, *, fixed: bool) -> ParameterDescriptor:
         description=row.description,
         additional_constraints=f'one of {list(row.values)}' if row.values else '',
         read_only=fixed and not row.dynamic,
+        type=_KINDS[row.type].value,
         dynamic_typing=_KINDS[row.type] is Parameter.Type.NOT_SET,
     )
     if row.least is not None:
@@ -116,12 +116,18 @@ def declare(node: Node) -> bool:
     node.add_pre_set_parameters_callback(doubles)
     first = 'autostart', 'convention'
     for row in sorted(_SINGLE, key=lambda row: row.field not in first):
-        default = values.get(row.field, row.default)
-        # Without a default value an empty array has no type; the type alone has no default.
-        array = isinstance(default, tuple)
-        given = (list(default) or _KINDS[row.type]) if array else default
+        kind, default = _KINDS[row.type], values.get(row.field, row.default)
+        given = list(default) if isinstance(default, tuple) else default
         fixed = autostart or row.field == 'convention'
-        node.declare_parameter(row.name, given, _descriptor(row, fixed=fixed))
+        if given != []:
+            node.declare_parameter(row.name, given, _descriptor(row, fixed=fixed))
+        else:
+            # Declared by its type, as rclpy takes it for bytes. Without a value it would keep
+            # GetParameters from answering with any other.
+            one = node.declare_parameter(row.name, kind, _descriptor(row, fixed=False))
+            if one.type_ is Parameter.Type.NOT_SET:
+                node.set_parameters([Parameter(row.name, kind, given)])
+            node.set_descriptor(row.name, _descriptor(row, fixed=fixed))
         if row.field == 'autostart':
             autostart = bool(node.get_parameter(row.name).value)
         elif row.field == 'convention':
@@ -131,10 +137,7 @@ def declare(node: Node) -> bool:
 
 def read(node: Node) -> Settings:
     """Return the settings from the parameters of a node; ValueError if they are inconsistent."""
-    values: dict[str, Any] = {}
-    for row in _SINGLE:
-        with suppress(ParameterUninitializedException):
-            values[row.field] = _plain(node.get_parameter(row.name).value)
+    values = {row.field: _plain(node.get_parameter(row.name).value) for row in _SINGLE}
     return Settings.from_values(values)
 
 

@@ -451,6 +451,19 @@ def get(peer: Peer, name: str) -> Any:
     return call(peer, GetParameters, 'get_parameters', names=[name]).values[0]
 
 
+def test_all_parameters_can_be_read_at_once(processes, peer_of):
+    from rcl_interfaces.srv import GetParameters, ListParameters
+
+    arm = processes.arm('robot:=planar2')
+    peer = peer_of(processes)
+    names = call(peer, ListParameters, 'list_parameters').result.names
+    values = call(peer, GetParameters, 'get_parameters', names=names).values
+    assert len(values) == len(names)
+    assert all(value.type for value in values)
+    assert describe(peer, 'locked').read_only
+    arm.stop()
+
+
 def describe(peer: Peer, name: str) -> Any:
     from rcl_interfaces.srv import DescribeParameters
 

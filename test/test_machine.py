@@ -75,6 +75,15 @@ def test_digits_compute_in_mpmath() -> None:
         assert mpmath.nstr(y[0], 40) == mpmath.nstr(reference[0], 40)
 
 
+def test_the_digits_of_a_run_are_not_those_of_other_threads() -> None:
+    digits, seen = mpmath.mp.dps, list[int]()
+    given = {'q': [2.0, 9.0]}
+    run_program(
+        *(roots(2, 'parallel'), given), digits=40, observe=lambda _: seen.append(mpmath.mp.dps)
+    )
+    assert {*seen} == {digits}
+
+
 def test_an_overflow_a_root_or_a_quotient_without_a_number_is_nan_or_infinity() -> None:
     recorder = Recorder(1)
     x, y, big = (recorder.input('x', [k]) for k in range(3))

@@ -371,6 +371,22 @@ def test_at_rest_on_an_upright_arm_an_answer_of_rounding_is_ok(name: str) -> Non
             assert run.status == 'ok', (turn, run.error)
 
 
+@pytest.mark.parametrize('kind', [np.float32, np.longdouble])
+def test_digits_take_numbers_of_any_type_whatever_the_format_of_the_machine(kind: Any) -> None:
+    robot, q = uniform_chain(2), [0.5, 0.25]
+    wanted = pfd.emulate(robot, q, q, q, digits=20)
+    run = pfd.emulate(robot, [*map(kind, q)], q, kind(q), digits=20, dtype='float32')
+    assert (*run.qdd, run.allowed) == (*wanted.qdd, wanted.allowed)
+
+
+@pytest.mark.parametrize('method', methods.ITERATIVE + METHODS[1:])
+def test_an_arm_that_nothing_accelerates_takes_no_iteration(method: str) -> None:
+    robot, zero = uniform_chain(3), np.zeros(3)
+    run = pfd.emulate(robot, zero + 1, zero, zero, method=method, scene=pfd.Scene(gravity=None))
+    assert (run.status, run.iterations) == ('ok', 0)
+    assert run.steps == run.program.count(iterations=0)
+
+
 @pytest.mark.parametrize('method', ALL_METHODS)
 def test_methods_that_take_rotations_as_they_are_have_all_digits(method: str) -> None:
     robot = random_chain(np.random.default_rng(7), 3)

@@ -245,6 +245,7 @@ def wrong_calls() -> Iterator[Any]:
                 ),
                 ({'q': np.zeros(3)}, r'q must have shape \(2,\) or \(B, 2\), got \(3,\)'),
                 ({'tau': [np.nan, 0.0]}, 'tau must be finite'),
+                ({'tau': [1e50, 0.0], 'dtype': 'float32'}, 'tau must fit float32'),
                 ({'wrench': np.zeros(5)}, r'wrench must have shape \(6,\) or \(B, 6\), got'),
                 ({'edition': 'second'}, r"edition must be one of .*'printed'.* got 'second'"),
                 (

@@ -12,7 +12,6 @@ reference for the error of every answer.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
 
@@ -70,12 +69,13 @@ def run(
             )
     batch = next(iter(values.values())).shape[:-1]
     machine = _Machine(program, values, batch, arithmetic, route, observe)
-    with arithmetic.context():
+    # Infinities and NaN are results here, which the caller looks at.
+    with np.errstate(all='ignore'):
         registers = machine.run()
     return {
-        name: np.stack([registers[r][lane] for r, lane in output.places], axis=-1).reshape(
-            (*batch, *output.shape)
-        )
+        name: arithmetic.result(
+            np.stack([registers[r][lane] for r, lane in output.places], axis=-1)
+        ).reshape((*batch, *output.shape))
         for name, output in program.outputs.items()
     }
 
@@ -183,12 +183,11 @@ class _Floats:
     def array(self, values: ArrayLike) -> Any:
         return np.asarray(values, dtype=self.number)
 
+    def result(self, values: Any) -> Any:
+        return values
+
     def meaning(self, op: str) -> Any:
         return OPERATIONS[op].meaning
-
-    def context(self) -> AbstractContextManager[Any]:
-        # Infinities and NaN are results here, which the caller looks at.
-        return np.errstate(all='ignore')
 
 
 class _Mpmath:
@@ -205,23 +204,20 @@ class _Mpmath:
             ) from error
         if digits < 1:
             raise ValueError(f'digits must be at least 1, got {digits}')
-        self.mp, self.digits, self.number = mpmath, digits, mpmath.mpf
+        # All threads share the digits of mpmath's own context; these are of this run alone.
+        mp = mpmath.MPContext()
+        mp.dps, self.number = digits, mp.mpf
         # Where mpmath raises or leaves the real numbers, the machine has NaN and infinity.
         self._functions = {
-            'sqrt': np.frompyfunc(lambda x: mpmath.sqrt(x) if x >= 0 else mpmath.nan, 1, 1),
-            'div': np.frompyfunc(lambda x, y: x / y if y else x * mpmath.inf, 2, 1),
-            'sin': np.frompyfunc(mpmath.sin, 1, 1),
-            'cos': np.frompyfunc(mpmath.cos, 1, 1),
+            'sqrt': np.frompyfunc(lambda x: mp.sqrt(x) if x >= 0 else mp.nan, 1, 1),
+            'div': np.frompyfunc(lambda x, y: x / y if y else x * mp.inf, 2, 1),
+            'sin': np.frompyfunc(mp.sin, 1, 1),
+            'cos': np.frompyfunc(mp.cos, 1, 1),
             'fma': lambda x, y, z: x * y + z,
         }
-
-    def array(self, values: ArrayLike) -> Any:
-        with self.context():  # mpf rounds to the digits that are set
-            return np.vectorize(self.mp.mpf, otypes=[object])(np.asarray(values))
+        # `convert` takes any type of number, and mpf rounds it.
+        self.array = np.vectorize(lambda x: mp.mpf(mp.convert(x)), otypes=[object])
+        self.result = np.frompyfunc(lambda x: mpmath.make_mpf(x._mpf_), 1, 1)
 
     def meaning(self, op: str) -> Any:
         return self._functions.get(op, OPERATIONS[op].meaning)
-
-    def context(self) -> AbstractContextManager[Any]:
-        context: AbstractContextManager[Any] = self.mp.workdps(self.digits)
-        return context

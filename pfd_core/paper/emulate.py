@@ -165,7 +165,8 @@ def emulate(
             f"edition 'printed' needs one of the methods {tuple(AS_PRINTED)}, got {method!r}"
         )
     if digits is not None:
-        digits = integer('digits', digits, 1, MOST_DIGITS)
+        # In mpmath numbers, of any digits, the residual falls as far as in double precision.
+        digits, dtype = integer('digits', digits, 1, MOST_DIGITS), 'float64'
     if processors is not None:
         processors = integer('processors', processors, 1, robot.n)
     if method in SERIAL and processors not in (None, 1):
@@ -184,16 +185,14 @@ def emulate(
         check_instant(plant)
         program = FORWARD[method](plant, schedule, misprints=AS_PRINTED[method])
     else:
-        # In mpmath numbers, of any digits, the residual falls as far as in double precision.
-        tolerance = TOLERANCES.get('float64' if digits else dtype)
-        program = record_forward_dynamics(plant, method, schedule, tolerance)
+        program = record_forward_dynamics(plant, method, schedule, TOLERANCES[dtype])
     given: dict[str, ArrayLike] = {'q': q, 'qd': qd, 'tau': tau}
     given |= scene_inputs(scene, robot.n, 'float64', wrench, brakes)
     if wrench is not None:
         given['wrench'] = wrench  # with digits, a fraction stays exact
     check = record_residual(plant)
     sizes = {name: size for name, size in check.inputs.items() if name != 'qdd'}
-    inputs = _checked(sizes | program.inputs, given, digits)
+    inputs = _checked(sizes | program.inputs, given, dtype, digits)
     # On a crossbar each lane reads its source in one hop.
     carrier = None if network == 'crossbar' else networks.carrier(network)
     result = run(program, inputs, dtype, digits, route=carrier)
@@ -207,13 +206,13 @@ def emulate(
     if 'iterations' in result:
         iterations = int(np.max(np.asarray(result['iterations'], dtype=np.float64), initial=0))
     p = processors or program.lanes
-    sections = networks.by_section(program, network, p, iterations or 1)
+    sections = networks.by_section(program, network, p, iterations or 0)
     if method == 'pcrbm_array':
         # The cells work side by side: there the cycles count, not the operations of all cells,
         # and routes bring H to the rows of the array, not to one lane.
         sections |= {SECTION: solve_steps(robot.n), STREAMS: stream_steps(robot.n, p, network)}
     steps = sum(sections.values(), Steps())
-    work = arithmetic(program.count(1, iterations=iterations or 1))
+    work = arithmetic(program.count(1, iterations=iterations or 0))
     units = processors_of(method, robot.n, p)
     return Run(
         qdd=result['qdd'],
@@ -240,12 +239,13 @@ def arithmetic(steps: Steps) -> int:
 
 
 def _checked(
-    sizes: dict[str, int], given: dict[str, ArrayLike], digits: int | None
+    sizes: dict[str, int], given: dict[str, ArrayLike], dtype: str, digits: int | None
 ) -> dict[str, Any]:
     """Return the inputs as arrays of one batch shape; ValueError for a wrong one."""
     arrays = {}
     for name, size in sizes.items():
         array = real_array(name, given[name], 'float64', (..., size))
+        real_array(name, array, dtype)  # raises for a number that does not fit
         arrays[name] = np.asarray(given[name], dtype=object) if digits else array
     shape = common_shape(arrays)
     return {
@@ -253,6 +253,7 @@ def _checked(
     }
 
 
+@np.errstate(all='ignore')
 def _at_most(plant: Plant, q: Array) -> tuple[Array, Array]:
     """
     Return the largest inertia and gravity torque of the links beyond each joint, (..., n).

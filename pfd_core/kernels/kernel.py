@@ -264,8 +264,7 @@ class Kernel:
         if out is not None:
             _check_result(out, (*batch, *self.shape), self.dtype)
         if not batch:
-            for name, value in arrays.items():
-                check_finite(name, value)
+            self._check_finite(arrays)
         result = out
         if result is None or not _in_place(result, size, arrays.values()):
             result = _new_result(batch, self.shape, self.dtype, arrays['q'])
@@ -273,12 +272,16 @@ class Kernel:
         given = [*(_as_rows(value, batch) for value in arrays.values()), rows]
         work = batch_work(self._native, given)
         if run(work, len(rows), self._width, self._recipe.work, threads):
-            for name, value in arrays.items():
-                check_finite(name, value)
+            self._check_finite(arrays)
         if out is None or out is result:
             return result
         out[...] = result
         return out
+
+    def _check_finite(self, arrays: dict[str, NDArray[Any]]) -> None:
+        for name, value in arrays.items():
+            joints = () if name in SCENE_INPUTS else self.robot.joint_names
+            check_finite(name, value, joints=joints)
 
     def _inputs(
         self,

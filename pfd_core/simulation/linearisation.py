@@ -35,13 +35,13 @@ from pfd_core.kernels.spec import KernelSpec
 from pfd_core.kernels.tangents import compile_tangents
 from pfd_core.model.plant import resolve
 from pfd_core.model.scene import scene_inputs
-from pfd_core.model.values import Array, common_shape, real_array
+from pfd_core.model.values import Array, real_array
 from pfd_core.simulation.dry import Law, has_contact
 from pfd_core.simulation.dual import CONSTANT, PLAIN, dual_step
 
 # Values of Linearization.status.
 MOVING, HELD, ONE_SIDED, EVENT = 'moving', 'held', 'one_sided', 'event'
-WIDEST = f'U{len(ONE_SIDED)}'
+WIDEST = np.dtype(f'U{len(ONE_SIDED)}')
 # Velocity [rad/s or m/s] of a limit: the joint comes to rest so soon that the step is straight,
 # but not within a rounding of the step's length, where the search for events makes several one.
 # Positions and impulses are rounded, so an arm with a joint at its stop takes SLOW: there the
@@ -123,10 +123,16 @@ class LinearStep:
             # As in the state of a simulation, whose joints are at rounded stops.
             limits = np.array(resolve(robot, scene).joint_limits, self._dtype)
             scene = replace(scene, joint_limits=limits.astype(float))
-        self._scene, self._plant = scene, resolve(robot, scene)
-        self._dry = has_contact(self._plant)
+        plant = resolve(robot, scene)
+        self._robot, self._scene, self._dry = robot, scene, has_contact(plant)
+        self._moving = np.full(robot.n, MOVING, WIDEST)
+        # The stops, and the joints that friction can hold.
+        self._low, self._high = np.full((2, robot.n), [[-np.inf], [np.inf]])
+        if plant.joint_limits is not None:
+            self._low, self._high = plant.joint_limits.T
+        self._rough = np.isin(np.arange(robot.n), Law(plant, 'float64').rough)
         spec = replace(spec, dtype='float64')
-        step = dual_step(self._plant, integrator, step_size / substeps)
+        step = dual_step(plant, integrator, step_size / substeps)
         self.kernel = compile_tangents(spec, step, substeps, CONSTANT, PLAIN)
 
     def matrices(
@@ -136,68 +142,62 @@ class LinearStep:
         brakes: ArrayLike | None,
     ) -> Linearization:
         """Return A and B; `state` are q, qd and tau; all as for Simulation.linearize."""
-        robot, n = self._plant.robot, self._plant.robot.n
+        n = self._robot.n
+        # The kernel checks shapes, and finds numbers that are not finite.
         x = {
-            name: real_array(name, value, self._dtype, (..., n), joints=robot.joint_names)
+            name: real_array(name, value, self._dtype, finite=False).astype(float, copy=False)
             for name, value in state.items()
         }
-        x |= scene_inputs(self._scene, n, 'float64', wrench, brakes)
-        batch = common_shape(x)
-        # With one axis of arms, for one arm as well.
-        for name, value in x.items():
-            size = value.shape[-1]
-            if value.shape[:-1] != batch:
-                value = np.broadcast_to(value, (*batch, size))
-            x[name] = value.reshape(-1, size).astype(float, copy=False)
-        S = self._evaluated(x)
-        rows = S.shape[-2]
+        S = self.kernel(x['q'], x['qd'], x['tau'], wrench, brakes=brakes)
+        rows, shape = S.shape[-2], (*S.shape[:-2], n)
+        status = np.empty(shape, WIDEST)
+        status[...] = self._moving
+        if brakes is not None:
+            before = np.broadcast_to(np.where(x['qd'] == 0, HELD, EVENT), shape)
+            np.copyto(status, before, where=brakes)
+        if self._dry:
+            x |= scene_inputs(self._scene, n, 'float64', wrench, brakes)
+            # With one axis of arms, for one arm as well.
+            for name, value in x.items():
+                size = value.shape[-1]
+                x[name] = np.broadcast_to(value, (*shape[:-1], size)).reshape(-1, size)
+            self._add_events(x, S.reshape(-1, *S.shape[-2:]), status.reshape(-1, n))
         A, B = S[..., :rows], S[..., rows : rows + n]
-        status = np.full(x['q'].shape, MOVING, WIDEST)
-        if self._dry:
-            self._add_events(x, S, A, B, status)
-        if 'free' in x:
-            braked = x['free'] == 0
-            status[braked] = np.where(x['qd'] == 0, HELD, EVENT)[braked]
-        if self._dry:
-            self._add_limits(x, S[..., -2], A, status)
-        A, B = (y.reshape(*batch, *y.shape[1:]).astype(self._dtype, copy=False) for y in (A, B))
-        return Linearization(A, B, status.reshape(*batch, n))
+        if self._dtype == 'float32':
+            A, B = A.astype('float32'), B.astype('float32')
+        return Linearization(A, B, status)
 
-    def _add_events(
-        self, x: Mapping[str, Array], S: Array, A: Array, B: Array, status: NDArray[np.str_]
-    ) -> None:
-        """Write which joints are held or had an event, and NaN for a step with too many."""
-        n = self._plant.robot.n
-        too_many = S[:, n, -1] > 0
-        A[too_many] = B[too_many] = np.nan
-        rests, lower, upper = self._resting(x)
+    def _add_events(self, x: Mapping[str, Array], S: Array, status: NDArray[np.str_]) -> None:
+        """
+        Write which joints are held or had an event, and the columns of joints at rest.
+
+        A step with too many events has no derivatives.
+        """
+        n = self._robot.n
+        S[S[:, n, -1] > 0, :, :-2] = np.nan
+        rests, lower, upper = resting = self._resting(x)
         status[rests & (S[:, n : 2 * n, -2] == 0)] = HELD
         hits = (lower & (x['qd'] < 0)) | (upper & (x['qd'] > 0))
         status[hits | (S[:, :n, -1] > 0)] = EVENT
-
-    def _evaluated(self, x: Mapping[str, Array]) -> Array:
-        """Return the kernel's result for some arms."""
-        brakes = x['free'] == 0 if 'free' in x else None
-        S: Array = self.kernel(x['q'], x['qd'], x['tau'], x.get('wrench'), brakes=brakes)
-        return S
+        if any(flags.any() for flags in resting):
+            self._add_limits(x, S[..., -2], S[..., : S.shape[-2]], status, resting)
 
     def _resting(self, x: Mapping[str, Array]) -> tuple[Array, Array, Array]:
         """Return flags of the joints at rest that may be held, and at their lower, upper stops."""
-        plant, q = self._plant, x['q']
-        free = x['free'] > 0 if 'free' in x else np.ones_like(q, bool)
-        lower = upper = np.zeros_like(free)
-        if plant.joint_limits is not None:
-            low, high = plant.joint_limits.T
-            lower, upper = free & (q <= low), free & (q >= high)
-        grips = lower | upper
-        grips[:, Law(plant, 'float64').rough] = True
-        still = x['qd'] == 0
-        rests = free & still & grips
+        still, lower, upper = x['qd'] == 0, x['q'] <= self._low, x['q'] >= self._high
+        free = x['free'] > 0 if 'free' in x else np.True_
+        rests = free & still & (lower | upper | self._rough)
         # A brake hands the momentum of its joint to the others.
-        return rests | (still & ~free & rests.any(axis=-1, keepdims=True)), lower, upper
+        rests |= still & ~free & rests.any(axis=-1, keepdims=True)
+        return rests, free & lower, free & upper
 
     def _add_limits(
-        self, x: Mapping[str, Array], end: Array, A: Array, status: NDArray[np.str_]
+        self,
+        x: Mapping[str, Array],
+        end: Array,
+        A: Array,
+        status: NDArray[np.str_],
+        resting: tuple[Array, Array, Array],
     ) -> None:
         """
         Write the columns of joints at rest into A, and which joints have one-sided derivatives.
@@ -205,10 +205,7 @@ class LinearStep:
         Of a joint at its stop the step is also taken from inside, of a joint at rest with a
         velocity either way. `end` are the states after the step, (N, r n).
         """
-        n = self._plant.robot.n
-        rests, lower, upper = self._resting(x)
-        if not (rests | lower | upper).any():
-            return
+        n, (rests, lower, upper) = self._robot.n, resting
         slow = np.where((lower | upper).any(axis=-1, keepdims=True), SLOW, INSTANT)
         slow = np.broadcast_to(slow, rests.shape)
         near = np.full(rests.shape, NEAR)
@@ -236,8 +233,11 @@ class LinearStep:
 
     def _changed(self, x: Mapping[str, Array], arm: Array, column: Array, change: Array) -> Array:
         """Return the kernel's result for arms with a change of one number of q and qd."""
-        n = self._plant.robot.n
+        n = self._robot.n
         state = np.concatenate([x['q'], x['qd']], axis=-1)[arm]
         state[np.arange(len(arm)), column] += change
-        others = {name: value[arm] for name, value in x.items()}
-        return self._evaluated(others | {'q': state[:, :n], 'qd': state[:, n:]})
+        wrench = x['wrench'][arm] if 'wrench' in x else None
+        brakes = x['free'][arm] == 0 if 'free' in x else None
+        q, qd = state[:, :n], state[:, n:]
+        S: Array = self.kernel(q, qd, x['tau'][arm], wrench, brakes=brakes)
+        return S

@@ -96,7 +96,8 @@ def read(name: str) -> bytes | None:
         if not path.is_file() or path.stat().st_size > LIMIT or not _ours(where):
             return None
         data = path.read_bytes()
-        os.utime(path)  # marks the file as recently used
+        with suppress(OSError):  # a file system that is read-only
+            os.utime(path)  # marks the file as recently used
     except OSError as error:
         LOG.info('%r cannot be read (%s)', str(path), error)
         return None

@@ -226,11 +226,14 @@ FINGERS = urdf(
         for k in range(20)
     ),
 )
+EMPTY = link('hand') + joint('grip', 'revolute', 'fore', 'hand', axis='0 1 0')
 TREES = [
     (FORK, 'palm', ('shoulder', 'wrist')),
     (MIMIC_FORK, 'palm', ('shoulder', 'wrist')),
     (HAND, 'l3', ('shoulder', 'w0', 'w1', 'w2', 'w3')),
     (HEAD, 'fore', ('waist', 'shoulder', 'elbow')),
+    # No arm ends in a link without mass.
+    (HEAD.replace('</robot>', f'{EMPTY}</robot>'), 'fore', ('waist', 'shoulder', 'elbow')),
     (TWO_ARMS, 'left_fore', ('lift', 'left_shoulder', 'left_elbow')),
     (FINGERS, 'l2', ('turn', 'lift', 'level')),
 ]

@@ -52,7 +52,7 @@ def compile_kernel(
     dtype : {'float64', 'float32'}
         Number format of the kernel and its arrays.
     refine : int
-        Steps of iterative refinement, at least 0, of forward dynamics; for derivatives, of the
+        Steps of iterative refinement, 0 to 16, of forward dynamics; for derivatives, of the
         accelerations at which they are taken and of the inverse inertia matrix. One step reaches
         rounding level in nearly every scene. It takes about half as much work again as the
         default method, for derivatives of a UR5 as much again.

@@ -194,9 +194,9 @@ class Kernel:
         """
         Return a function without arguments that evaluates in place on these arrays.
 
-        Each call of the function reads the arguments and writes out, `(*shape)` or
-        `(B, *shape)`, and raises ValueError where an input is not finite. The arrays are checked
-        here, once; their number format must be the kernel's.
+        Each call of the function reads the arguments and writes `out`, `(*shape)` or
+        `(B, *shape)`, which is required, and raises ValueError where an input is not finite. The
+        arrays are checked here, once; their number format must be the kernel's.
         """
         given: dict[str, Any] = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench}
         given = {name: value for name, value in given.items() if value is not None}

@@ -101,9 +101,14 @@ def find_chain(
     before = [carriers[joint.parent] for joint in moving]
     ends = [joint for joint in moving if joint not in before]
     movers = {link: by for link, by in carriers.items() if by}
-    chosen = (
-        _advised_tip(urdf, [path_to(end.child, movers) for end in ends]) if tip is None else tip
-    )
+    chosen = tip
+    if chosen is None:
+        ways, bodies = [path_to(end.child, movers) for end in ends], movers.items()
+        heavy = [by.name for link, by in bodies if urdf.links[link] is not None or by.mimic]
+        for way in ways:  # no arm ends in links without mass: of several ends these are cut off
+            while ends[1:] and way[1:] and way[-1].name not in heavy:
+                way.pop()
+        chosen = _advised_tip(urdf, ways)
     if chosen not in carriers:
         raise ValueError(f'tip {quote(chosen)} is not below base {quote(base)} in {label}')
     chain = path_to(chosen, movers)

@@ -159,7 +159,7 @@ def integrate(
     duration : float
         Seconds to integrate, above zero.
     scene : Scene, optional
-        Which effects are on; default: rigid links and gravity.
+        Which effects are on, all but `motor_lag`; default: rigid links and gravity.
     q, qd : array_like
         State at the start, (n,) [rad or m, and per s]; default: as for `Simulator.reset`.
     wrench : array_like

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+import math
 from pathlib import Path
 import sys
 
@@ -14,6 +15,7 @@ from pfd_ros.cli.terminal import (
     ANY_LOG,
     ROBOT,
     Command,
+    number,
     print_lines,
     progress_on,
     status_of,
@@ -45,7 +47,7 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
     add('--controller', metavar='MODULE:FUNCTION', help=callback)
     for name in ('start', 'end'):
         when = f'{name} S seconds after the first message'
-        add(f'--{name}', type=float, metavar='S', help=when)
+        add(f'--{name}', type=number(name, 0.0, math.inf), metavar='S', help=when)
     example = 'example: pfd report scene --robot puma560 --trajectory sine --tolerance 1e-3'
     add = kinds.add_parser('scene', help=SCENE, description=SCENE, epilog=example).add_argument
     add('--robot', help=f'{ROBOT}; default: the robot of the log')

@@ -23,11 +23,16 @@ JOINT_FIELDS = tuple(JOINT_UNITS)
 
 
 def unit_of(item: str, robot: pfd.Robot | None, names: Collection[str]) -> str:
-    """Return the unit of an item for joints of a robot; both if mixed, or if it has none."""
+    """Return the unit of an item for joints of a robot; both if mixed, or if one is no joint."""
     turns, slides = JOINT_UNITS[item]
-    known = () if robot is None else zip(robot.joint_names, robot.joint_types, strict=True)
-    found = {slides if kind == 'prismatic' else turns for name, kind in known if name in names}
-    return found.pop() if len(found) == 1 else f'{turns} or {slides}'
+    kinds: dict[str, str] = {}
+    if robot is not None:
+        kinds = {x.name: x.kind for x in robot.followers}
+        kinds |= zip(robot.joint_names, robot.joint_types, strict=True)
+    found = {kinds.get(name, '') for name in names}
+    if found == {'prismatic'}:
+        return slides
+    return turns if found and found <= {'revolute', 'continuous'} else f'{turns} or {slides}'
 
 
 # Frame and names of the last message that was decoded, as bytes and as values. Senders do not

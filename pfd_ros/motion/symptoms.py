@@ -376,6 +376,8 @@ LIMITS: Mapping[str, Callable[[Samples], str]] = {
 }
 UNCOMMANDED = 'never commanded'
 KINDS = (UNCOMMANDED, *VERDICTS, *LIMITS)
+# Those that no good motion has.
+FAULTS = (UNCOMMANDED, 'driven away', 'divergence', 'oscillation', 'lost')
 
 
 def text_of(found: Mapping[str, str], *, limited: bool = True) -> str:

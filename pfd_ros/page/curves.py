@@ -230,13 +230,15 @@ def _of_topics(run: Recorded) -> Iterator[Plot]:
             run.notes[one_line(f'{cut(topic)} has {width} numbers a message: not drawn')] = None
             continue
         title, command = topic.rpartition('/')[2], role == ARRAY or 'command' in topic
-        labels, joints = tuple(f'[{k}]' for k in range(width)), width == len(run.names)
+        # Joints that are locked come after those that are commanded.
+        names = run.names[:width] if role == ARRAY else run.names
+        labels, joints = tuple(f'[{k}]' for k in range(width)), width == len(names)
         if role == ENERGY:
             values = np.column_stack([values[:, :2], values[:, :2].sum(axis=1)])
             title, labels, joints = 'energy [J]', ENERGIES, False
         elif command:
-            title = f'commanded effort [{run.unit("effort", run.names)}]'
-        labels, time = run.names if joints else labels, run.times(found)
+            title = f'commanded effort [{run.unit("effort", names)}]'
+        labels, time = names if joints else labels, run.times(found)
         if role == ARRAY:
             rows = run.accepted(role)
             time, values = _held(run, time[rows], values[rows])

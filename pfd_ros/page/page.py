@@ -18,7 +18,7 @@ from importlib.resources import files
 import json
 from pathlib import Path
 import re
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -35,7 +35,7 @@ from pfd_ros.messages.types import (
     STRING,
     TRAJECTORY,
 )
-from pfd_ros.motion.symptoms import Samples, diagnosis, text_of
+from pfd_ros.motion.symptoms import FAULTS, Samples, diagnosis, text_of
 from pfd_ros.page.curves import Plot, Reference, commanded_positions, encoded, plots_of
 from pfd_ros.page.findings import BAD, NOTE, TEXT_LENGTH, Finding, commands_end, find
 from pfd_ros.page.recorded import Array, Recorded
@@ -44,6 +44,8 @@ from pfd_ros.recording.facts import by_parameter, date_of
 from pfd_ros.recording.format import FIRST_EDITION, HeadKey, damage_named
 from pfd_ros.text import cut, one_line
 
+# A joint, the first and last times (1, 2) of its motion, and symptoms.
+Motion: TypeAlias = tuple[str, Array, dict[str, str]]
 # What a page reads of a log.
 TYPES = (JOINT_STATE, FLOAT_ARRAY, TRAJECTORY, STRING, INERTIA, DIAGNOSTICS, TRANSITION)
 # Of one page: plots, spans of a kind, rows of the story.
@@ -118,7 +120,8 @@ def _page(run: Recorded, marks: Sequence[Finding | Reference]) -> Page:
     found += [replace(x, text=one_line(x.text.partition('\n')[0], TEXT_LENGTH)) for x in marked]
     found.sort(key=lambda x: (x.time, x.severity == NOTE))
     first = next((x for x in found if x.severity != NOTE), None)
-    said, severity = _said(run, first)
+    symptoms = list(_symptoms(run, first, references))
+    said, severity = _said(run, first, symptoms)
     plots = list(plots_of(run, references))
     for holds, note in (
         (
@@ -135,7 +138,6 @@ def _page(run: Recorded, marks: Sequence[Finding | Reference]) -> Page:
         if holds:
             run.notes[note] = None
     limited = run.robot is not None
-    symptoms = _symptoms(run, first, references)
     joints = [f'{name}: {text_of(texts, limited=limited)}' for name, _, texts in symptoms]
     cards = [
         _headline(said, severity, None if run.unreadable else first, made, lacking),
@@ -166,7 +168,7 @@ def _page(run: Recorded, marks: Sequence[Finding | Reference]) -> Page:
     return Page(html, said, first, found, joints, plots[:MOST_PLOTS], run)
 
 
-def _said(run: Recorded, first: Finding | None) -> tuple[str, str]:
+def _said(run: Recorded, first: Finding | None, symptoms: Iterable[Motion]) -> tuple[str, str]:
     """Return the headline and its severity; a log that cannot be read is never good."""
     if run.unreadable:
         return '; '.join(run.unreadable), BAD
@@ -177,6 +179,9 @@ def _said(run: Recorded, first: Finding | None) -> tuple[str, str]:
         return 'no joint states: nothing is known about the motion', 'warning'
     end = commands_end(run)
     until = '' if end is None else f' up to the last command at t = {end:.3f} s'
+    for name, _, texts in symptoms:
+        for text in (text for kind, text in texts.items() if kind in FAULTS):
+            return f'{name}: {text}; nothing else went wrong{until}', 'warning'
     return f'nothing went wrong{until}', 'good'
 
 
@@ -274,7 +279,7 @@ def _settings(run: Recorded) -> Iterator[tuple[str, str]]:
 
 def _symptoms(
     run: Recorded, first: Finding | None, references: Sequence[Reference]
-) -> Iterator[tuple[str, Array, dict[str, str]]]:
+) -> Iterator[Motion]:
     """Yield each joint, the first and last times (1, 2) of the motion around it, and symptoms."""
     ended = commands_end(run)
     for joints in run.joints:

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from pfd_ros.files import new_file
 from pfd_ros.messages.joints import JOINT_FIELDS
+from pfd_ros.motion.symptoms import FAULTS, UNCOMMANDED
 from pfd_ros.page.findings import NOTE, Finding
 from pfd_ros.page.page import faults
 from pfd_ros.page.recorded import Recorded
@@ -45,8 +46,8 @@ ASSERTIONS: dict[str, Row] = {
     **dict.fromkeys(('rejected input', 'reflex', 'watchdog'), Row(_ABSENT)),
     'failure': Row('assert not motion.stopped'),
     'event': Row(why='it is no fault'),
-    'never commanded': Row('assert motion.commanded[motion.index({joint!r})]'),
-    **dict.fromkeys(('driven away', 'divergence', 'oscillation', 'lost'), Row(_ABSENT)),
+    **dict.fromkeys(FAULTS, Row(_ABSENT)),
+    UNCOMMANDED: Row('assert motion.commanded[motion.index({joint!r})], {kind!r}'),
     **dict.fromkeys(
         ('decaying oscillation', 'offset', 'tracking', 'motion'),
         Row(why='a log holds no bound beyond which it is a fault'),
@@ -71,8 +72,6 @@ from pfd_ros.testing import {used}
 HERE = Path(__file__).resolve().parent
 LOG = HERE / {log!r}
 {controller}
-
-
 
 def test_{name}({fixture}):
     {body}

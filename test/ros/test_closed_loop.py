@@ -469,9 +469,11 @@ def test_the_first_finding_is_written_as_a_test_that_fails_by_it(name, in_this_p
     text = Path('tests/test_a.py').read_text()
     assert assertion in text
     assert words in text
+    assert '\n\n\n\n' not in text
     assert "LOG = HERE / '../logs/a.mcap'" in text
     # No page is written beside it, unless it is named.
     assert {*Path().iterdir()} == {Path('logs'), Path('tests')}
+    assert not command('report', 'log', 'logs/a.mcap')[1].startswith('nothing went wrong')
 
 
 def test_the_limits_of_another_arm_are_those_of_the_robot_that_is_named(in_this_process):

@@ -55,7 +55,9 @@ def test_a_path_that_is_no_regular_file_is_refused_at_once(tmp_path: Path) -> No
         pfd.load_robot(tmp_path / 'huge.urdf')
 
 
-@pytest.mark.parametrize('source', ['x' * 1_000_000, 'zero\0.urdf', 'a/' * 5000, b'ur5', '\ud800'])
+@pytest.mark.parametrize(
+    'source', ['x' * 1_000_000, 'zero\0.urdf', 'a/' * 5000, b'ur5', '\ud800', 'a.urdf\n']
+)
 def test_a_name_that_no_file_can_have_is_refused_in_a_short_line(source: object) -> None:
     with pytest.raises(ValueError, match=r'unknown robot|no robot file|source must be') as caught:
         pfd.load_robot(source)
@@ -196,6 +198,7 @@ def test_the_content_of_a_file_decides_what_it_is(
         ('<!DOCTYPE html>\n<HTML lang="en"></HTML>', 'has no <!DOCTYPE>'),
         ('<!--' * 20_000, 'not well-formed XML'),
         ('<?a?>' * 20_000 + '<', 'not well-formed XML'),
+        ('version https://git-lfs.github.com/spec/v1\n', 'run `git lfs pull`'),
     ],
 )
 @pytest.mark.parametrize('name', ['arm.urdf', 'arm.xacro', 'arm.yaml', 'arm.sdf'])
@@ -253,6 +256,10 @@ FAR = '/'.join(['folder'] * 60) + '.xacro'
         ('<link name="${missing}"/>', "name 'missing' is not defined"),
         ('<xacro:unknown/>', 'unknown macro name: xacro:unknown'),
         (f'<xacro:include filename="{FAR}"/>', f'No such file.*{FAR}'),
+        (
+            '<xacro:arg name="of" default="b"/><xacro:include filename="../$(arg of)/a.xacro"/>',
+            "argument 'of' is 'b', not in ",
+        ),
         ('<link', 'ExpatError'),
         (
             '<xacro:macro name="a"><link name="b"/><xacro:a/></xacro:macro><xacro:a/>',

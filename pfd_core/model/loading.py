@@ -252,7 +252,7 @@ def _read(source: object, xacro: Mapping[str, object] | None) -> Urdf | Robot:
             if _root_of(source) == MJCF:
                 raise ValueError('the text is MJCF, whose files name others: give its path')
             return _parsed(source, 'URDF text')
-        if '\n' in source:
+        if '\n' in source and ':' in source:  # else a path whose end was not cut off
             return _read_yaml(source, 'YAML text', xacro)
     path = _path(source, 'a name, a path or a string')
     bare = isinstance(source, str) and len(path.parts) == 1
@@ -341,6 +341,8 @@ def _text(noun: str, path: Path) -> str:
             content = file.read(LARGEST_FILE + 1)
         if len(content) > LARGEST_FILE:
             raise OSError(errno.EFBIG, f'it is larger than {LARGEST_FILE} bytes')
+        if content.startswith(b'version https://git-lfs'):
+            raise OSError(errno.EINVAL, 'it is a Git LFS pointer: run `git lfs pull`')
         return decoded(content)
     except OSError as error:
         raise ValueError(f'cannot read {label}: {error.strerror or error}') from error

@@ -19,6 +19,7 @@ import os
 from pathlib import Path
 import sys
 from typing import Any
+import warnings
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
@@ -36,6 +37,7 @@ from pfd_core.model.urdf_writer import (
 from pfd_core.model.urdf_xml import EQUALITY
 from pfd_core.model.values import Array, quote, quote_all, unused
 
+OLDEST = 3, 17  # version of MuJoCo, as in setup.py
 GRAVITY = (0.0, 0.0, -9.81)
 # Kinds of joints in the order of MuJoCo.
 FREE, BALL, SLIDE, HINGE = range(4)
@@ -74,6 +76,8 @@ def urdf_of_mjcf(path: Path) -> str:
         raise ValueError(f'{label}: {result["reason"]}')
     if result['lost']:
         warn(f'{label}: not in the robot, since a URDF has none: {"; ".join(result["lost"])}')
+    for note in result['notes']:
+        warn(f'{label}: MuJoCo: {note}')
     text: str = result['text']
     return text
 
@@ -83,19 +87,25 @@ def answer(path: str) -> None:
     # Nothing is drawn: to look for a library of windows takes a fifth of the time.
     os.environ['MUJOCO_GL'] = 'disable'
     mujoco: Any = import_module('mujoco')
-    text, reason, lost = '', '', []
-    step, meshes = 'MuJoCo cannot compile it: ', list[str]()
+    text, reason, lost, notes = '', '', [], list[str]()
+    step, meshes = '', list[str]()
     try:
-        spec = mujoco.MjSpec.from_file(path)
-        meshes = _weighed_meshes(mujoco, spec)
-        model = spec.compile()
-        step = ''
+        if tuple(map(int, mujoco.__version__.split('.')[:2])) < OLDEST:
+            raise ValueError(
+                f'MuJoCo {mujoco.__version__} is too old: run `pip install -U mujoco`'
+            )
+        step = 'MuJoCo cannot compile it: '
+        with warnings.catch_warnings(record=True) as said:
+            spec = mujoco.MjSpec.from_file(path)
+            meshes = _weighed_meshes(mujoco, spec)
+            model = spec.compile()
+        step, notes = '', [' '.join(str(each.message).split()) for each in said]
         text, lost = _urdf(mujoco, model), sorted({*_lost(mujoco, model)})
     except ValueError as error:
         reason = step + ' '.join(str(error).split())[:LONGEST_REASON]
         if step and any(Path(file).name in reason for file in meshes):
             reason += '. Get that mesh, or give the bodies that it belongs to an <inertial>'
-    sys.stdout.write(json.dumps({'text': text, 'reason': reason, 'lost': lost}))
+    sys.stdout.write(json.dumps({'text': text, 'reason': reason, 'lost': lost, 'notes': notes}))
 
 
 def _weighed_meshes(mujoco: Any, spec: Any) -> list[str]:
@@ -138,8 +148,7 @@ def _lost(mujoco: Any, model: Any) -> Iterator[str]:
     off |= {'FRICTIONLOSS', 'LIMIT', 'CONTACT'} if 'CONSTRAINT' in off else set()
 
     def has(*names: str) -> bool:
-        # Older versions lack some of them.
-        return any(np.any(getattr(model, name, 0.0)) for name in names)
+        return any(np.any(getattr(model, name)) for name in names)
 
     ignored = [what for name, (what, array) in FLAGS.items() if name in off and has(array)]
     gravity = [0.0, 0.0, 0.0] if 'GRAVITY' in off else model.opt.gravity.tolist()
@@ -157,7 +166,7 @@ def _lost(mujoco: Any, model: Any) -> Iterator[str]:
         'the fluid': model.opt.density > 0 or model.opt.viscosity > 0,
         f'gravity {gravity}, which a scene sets': tuple(gravity) != GRAVITY,
         'groups of actuators that are switched off': np.any(
-            getattr(model.opt, 'disableactuator', 0) >> model.actuator_group & 1
+            model.opt.disableactuator >> model.actuator_group & 1
         ),
         'the smaller side of actuatorfrcrange': np.any(
             model.jnt_actfrcrange[model.jnt_actfrclimited > 0].sum(axis=1)
@@ -336,18 +345,12 @@ def _add_joint(
     return joint
 
 
-def _first(model: Any, name: str, k: int) -> int:
-    """Return the place of the first control ('ctrl') or force ('out') of an actuator."""
-    places = getattr(model, f'actuator_{name}adr', None)
-    return k if places is None else int(places[k])
-
-
 def _forces(mujoco: Any, model: Any, k: int) -> Array:
     """Return the least and the largest force of an actuator, before its gear, (2,)."""
     found = np.array([-math.inf, math.inf])
     if model.actuator_forcelimited[k]:
         found = model.actuator_forcerange[k].copy()
-    control, clamped = _first(model, 'ctrl', k), not _is_off(mujoco, model, 'CLAMPCTRL')
+    control, clamped = int(model.actuator_ctrladr[k]), not _is_off(mujoco, model, 'CLAMPCTRL')
     if clamped and _is_motor(mujoco, model, k) and model.actuator_ctrllimited[control]:
         ends = model.actuator_gainprm[k, 0] * model.actuator_ctrlrange[control]
         found = np.clip(np.sort(ends), *found)
@@ -360,7 +363,7 @@ def _effort(mujoco: Any, model: Any, j: int) -> float:
     for k in range(len(model.actuator_trntype)):
         if model.actuator_trntype[k] > IN_PARENT or model.actuator_trnid[k, 0] != j:
             continue
-        gear = float(abs(model.actuator_gear[_first(model, 'out', k), 0]))
+        gear = float(abs(model.actuator_gear[model.actuator_outadr[k], 0]))
         each.append(gear * float(abs(_forces(mujoco, model, k)).max()) if gear else 0.0)
     most = sum(each) if each else math.inf
     if model.jnt_actfrclimited[j]:

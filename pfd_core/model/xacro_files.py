@@ -135,7 +135,12 @@ def answer(path: str, given: str) -> None:
                 f'{{{name!r}: {default!r}}}, or `pfd urdf FILE {name}:={default} --out arm.urdf`'
             )
         lost = isinstance(cause, FileNotFoundError) and str(cause.filename)
-        if lost and any(lost.startswith(source) for source in sources):
+        gone = [folder for folder in Path(lost or '.').parents if not folder.exists()]
+        named = [x for x in arguments.known if gone and arguments.get(x) == gone[-1].name]
+        if named:
+            others = sorted(x.name for x in gone[-1].parent.iterdir() if x.is_dir())
+            reason += f'; argument {quote(named[0])} is {gone[-1].name!r}, not in {listed(others)}'
+        elif lost and any(lost.startswith(source) for source in sources):
             reason += '; the sources of a package may lack what it installs: source its workspace'
         if xacro.filestack and xacro.filestack[-1] != path:
             reason += f' (in {xacro.filestack[-1]})'

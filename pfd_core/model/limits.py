@@ -160,7 +160,7 @@ def estimated_armature(robot: Robot) -> Array:
 
     A motor at full effort accelerates its own rotor to full speed in a time that differs little
     between the motors of arms: armature = SPIN_UP_TIME * effort limit / velocity limit. The time
-    is the geometric mean over the 13 joints of the PUMA 560 and the Panda in pfd_core.config;
+    is the geometric mean over the 13 joints of the PUMA 560 and the Panda in config/robots;
     their files name the sources. The stated armatures are 0.33 to 3.6 times the estimate. It
     decides whether a light wrist can be controlled at all, and replaces no measured number.
 

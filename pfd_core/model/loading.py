@@ -118,12 +118,12 @@ def load_robot(
         last joint moves, or the flange of a robot by name. The base is fixed: links above it and
         other branches on it are cut off. Gravity stays in axes of the root; joints between root
         and base are at 0 or locked. Branches on a moving link keep their mass, also beyond the
-        tip; their joints are locked, next to 0 within their limits, and a warning names them.
+        tip; their joints are locked, nearest to 0 within their limits, and a warning names them.
         Joints that mimic joints of the chain move with them, also on branches
         (`Robot.followers`), and a warning names them.
     locked : mapping, optional
         Name of a joint, or a pattern such as 'hand_*' -> position [rad, m] at which it becomes a
-        fixed joint, and with it the joints of a URDF that mimic it. None: next to 0 within its
+        fixed joint, and with it the joints of a URDF that mimic it. None: nearest to 0 within its
         limits.
     right_angle : float
         Angles of a URDF within this distance [rad] of a multiple of 90 degrees become exact:
@@ -132,9 +132,9 @@ def load_robot(
         from those of Pinocchio; -1 takes angles as written, and they agree to rounding.
     xacro : mapping, optional
         Arguments of a .xacro file: name -> text or number; default: those of the file, or of the
-        robot by name. Its
-        `$(find NAME)` is the folder of an installed package (AMENT_PREFIX_PATH), or else of the
-        package.xml with that name above the file or beside its package.
+        robot by name. `$(find NAME)` in it is the folder of an installed package
+        (AMENT_PREFIX_PATH), or else of the package.xml with that name above the file or beside
+        its package.
 
     Raises
     ------

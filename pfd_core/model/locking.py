@@ -33,7 +33,7 @@ def lock(robot: Robot, positions: Mapping[str, float | None]) -> Robot:
     Return the robot with some joints fixed and the links on either side of them welded.
 
     `positions` maps names of joints to lock, or patterns such as 'hand_*', to positions [rad, m],
-    None for next to 0 within the limits. ValueError if a joint is unknown, a position is no
+    None for nearest to 0 within the limits. ValueError if a joint is unknown, a position is no
     finite number within the limits, or no joint would move.
     """
     at = locks(robot, positions)
@@ -121,7 +121,7 @@ def locked_positions(
 
     Joints have the fields of Lockable. A key with *, ? or [ that is not the name of a joint is a
     pattern; names have precedence over patterns, and these over later ones. A number has
-    precedence over the rule of a follower, this over None, which is next to 0 within the limits.
+    precedence over the rule of a follower, this over None, nearest to 0 within the limits.
     ValueError, with the name of the robot, for a name or pattern of no joint that moves and for a
     position that is not finite or is outside the limits.
     """
@@ -181,7 +181,7 @@ def with_followers(positions: Mapping[str, float], joints: Mapping[str, Any]) ->
 
 
 def next_to_zero(lower: float, upper: float) -> float:
-    """Return the position next to zero [rad, m] between two limits."""
+    """Return the position nearest to zero [rad, m] between two limits."""
     return min(max(0.0, lower), upper)
 
 

@@ -79,7 +79,7 @@ _REMARKS = ('source', 'accepted', 'snapped_joints', 'frames', 'silent')
 
 
 class PhysicsWarning(UserWarning):
-    """Warning of numbers that no rigid body can have, but that can be computed with."""
+    """Warning of a model or a state that can be computed with, but may not be what is meant."""
 
 
 def warn(text: str) -> None:
@@ -512,7 +512,10 @@ def _with_ends(robot: Robot) -> Mapping[str, Frame]:
 @dataclass(frozen=True)
 class Payload:
     """
-    A body fixed rigidly to the last link; ValueError for numbers that no body can have.
+    A body fixed rigidly to the last link.
+
+    ValueError for a negative mass, and an inertia that is not symmetric or negative in some
+    direction. One that breaks the triangle rule causes a PhysicsWarning at its first use.
 
     Attributes
     ----------

@@ -151,7 +151,7 @@ class Scene:
         """
         Return the scene without the named effects, and without effects that need them.
 
-        ValueError for a name that is not an effect's.
+        Names are those in EFFECTS, such as 'joint stops'; ValueError for others.
         """
         if not isinstance(names, (set, frozenset, tuple, list)):
             raise ValueError(f'names must be a set of names of effects, got {quote(names)}')

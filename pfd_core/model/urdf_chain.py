@@ -33,7 +33,7 @@ class TreeError(ValueError):
         The joints that make it the same chain if they are locked. Its tip is then the link that
         the last joint moves, and not one that is fixed to that, as `tip` may be.
     positions : mapping
-        A position of each of them within its limits, next to zero or as it follows [rad, m].
+        A position of each of them within its limits, nearest to zero or as it follows [rad, m].
     patterns : sequence of str
         Patterns and names that match these joints and none that moves the tip.
 
@@ -74,7 +74,7 @@ def find_chain(
     Return the chain of joints between two links, the root and the last one by default.
 
     The base is fixed: links above it and other branches on it are cut off. Branches on a moving
-    link stay, welded to it; a joint there that could move is locked, next to zero within its
+    link stay, welded to it; a joint there that could move is locked, nearest to zero within its
     limits, or as it follows another.
     """
     label, tip = quote(urdf.name), urdf.tip if tip is None else tip
@@ -150,7 +150,7 @@ def _tree(
         f'{quote_all(j.name for j in ends)}; choose one end, such as tip={quote(tip)} (and '
         'a base, if the ends part at a link that should stand still), or lock the others, '
         + how_to_lock(dict.fromkeys(short) if many else positions)
-        + (f': {len(positions)} joints, next to 0 within their limits' if many else ''),
+        + (f': {len(positions)} joints, nearest to 0 within their limits' if many else ''),
         tip,
         positions,
         short,
@@ -323,7 +323,7 @@ def _refuse_follower(urdf: Urdf, joint: Joint, leader: str) -> None:
 
 
 def _places(urdf: Urdf, joints: Sequence[Joint], locked: Mapping[str, float]) -> dict[str, float]:
-    """Return positions [rad, m] of further joints to lock: next to zero, or as they follow."""
+    """Return positions [rad, m] of further joints to lock: nearest to zero, or as they follow."""
     at, unled = dict(locked), []
     for joint in joints:
         if joint.kind in NOT_A_CHAIN:

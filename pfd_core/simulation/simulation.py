@@ -269,9 +269,10 @@ class Simulation(ABC):
         """
         Set positions and velocities, (n,) or (B, n), and the time [s].
 
-        The default is zero, or the middle between two stops that exclude zero.
+        The default is zero; of positions `start_positions` for the stops of the scene.
         `tau_motor` are the torques of motors with a lag; only if the scene has one. Positions may
-        lie outside the stops, with a PhysicsWarning. ValueError for an angle above LARGEST_ANGLE.
+        lie outside the stops, with a PhysicsWarning. ValueError for an angle above 2^30 rad, in
+        float32 above 2^10 rad.
         """
         following = self._buffers[1 - self._turn]
         self._set(following, q, qd, time, tau_motor)

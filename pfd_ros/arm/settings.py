@@ -200,7 +200,7 @@ class Settings(CommandSettings, PlantSettings, DescriptionSettings, SensorSettin
     joints: tuple[str, ...] = setting((), 'Order of the joints; empty is the order of the model')
     locked: tuple[str, ...] = setting((), 'Joints to weld, or patterns, such as hand_*')
     locked_positions: tuple[float, ...] = setting(
-        (), 'Where they are welded, rad or m; empty: initial_value of <ros2_control>, or next to 0'
+        (), 'Their positions, rad or m; empty: initial_value of <ros2_control>, or nearest to 0'
     )
     step_size: float = setting(0.001, 'Simulated time per step, s', 1e-5, 0.1)
     substeps: int = setting(2, 'Steps of the integrator per step', 1, 100)
@@ -288,7 +288,7 @@ class Settings(CommandSettings, PlantSettings, DescriptionSettings, SensorSettin
 
     @property
     def locks(self) -> dict[str, Any]:
-        """Joint to weld -> position, rad or m; None is next to 0 within its limits."""
+        """Joint to weld -> position, rad or m; None is nearest to 0 within its limits."""
         positions = self.locked_positions or (None,) * len(self.locked)
         return dict(zip(self.locked, positions, strict=True))
 

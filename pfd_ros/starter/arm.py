@@ -110,7 +110,7 @@ def arm_of(source: str | None, log: Path | None, tip: str) -> Arm:
         sources |= {
             'tip_link': f'the end of the chain in {label}',
             'locked': 'the other joints that move',
-            'locked_positions': '<ros2_control>, or next to 0 within the limits',
+            'locked_positions': '<ros2_control>, or nearest to 0 within the limits',
             'step_size': 's, default of pfd sim',
             'initial_positions': f'<ros2_control> or limits of {label}' if stated else 'default',
             'armature': [label if x else GUESS for x in robot.armature],

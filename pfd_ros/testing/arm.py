@@ -318,7 +318,7 @@ class LockstepArm:
     def save(self) -> State:
         """Return a copy of the state of the arm, from which `restore` continues with equal bits.
 
-        It can be copied, compared and pickled, within one version of this package.
+        It can be copied and pickled, within one version of this package.
         """
         return self.engine.save()
 

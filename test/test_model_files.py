@@ -84,6 +84,7 @@ DECLARED = (
         *(('UTF-16', '\u673a\u68b0\u81c2'), ('utf-32', 'arm'), ('us-ascii', 'arm')),
     ],
 )
+@pytest.mark.usefixtures('expanded_here')
 def test_a_file_is_read_in_the_encoding_that_it_declares(
     tmp_path: Path, encoding: str, word: str
 ) -> None:
@@ -181,6 +182,7 @@ def expanded() -> str:
         ('arm.txt', True, '\n'),
     ],
 )
+@pytest.mark.usefixtures('expanded_here')
 def test_the_content_of_a_file_decides_what_it_is(
     arm: Path, name: str, macros: bool, before: str
 ) -> None:
@@ -202,6 +204,7 @@ def test_the_content_of_a_file_decides_what_it_is(
     ],
 )
 @pytest.mark.parametrize('name', ['arm.urdf', 'arm.xacro', 'arm.yaml', 'arm.sdf'])
+@pytest.mark.usefixtures('expanded_here')
 def test_a_file_of_another_kind_is_named(tmp_path: Path, name: str, text: str, words: str) -> None:
     (tmp_path / name).write_text(text)
     if name == 'arm.xacro':
@@ -267,6 +270,7 @@ FAR = '/'.join(['folder'] * 60) + '.xacro'
         ),
     ],
 )
+@pytest.mark.usefixtures('expanded_here')
 def test_a_file_that_xacro_cannot_expand_is_refused_with_its_reason(
     tmp_path: Path, inside: str, reason: str
 ) -> None:
@@ -275,6 +279,7 @@ def test_a_file_that_xacro_cannot_expand_is_refused_with_its_reason(
         pfd.load_robot(path)
 
 
+@pytest.mark.usefixtures('expanded_here')
 def test_an_error_in_an_expanded_xacro_starts_with_its_file_alone(arm: Path) -> None:
     arm.write_text(XACRO_ARM.replace('2 * 0.5', "'1,5'"))
     with pytest.raises(ValueError, match=f"^{re.escape(str(arm))}: <mass value> of link 'lower'"):
@@ -324,6 +329,7 @@ def test_arguments_of_a_xacro_file_replace_their_defaults(arm: Path) -> None:
         ('default="2"', 'mass:=1', "xacro must be a mapping, got 'mass:=1'"),
     ],
 )
+@pytest.mark.usefixtures('expanded_here')
 def test_a_missing_and_an_unknown_argument_of_a_xacro_file_is_named(
     arm: Path, default: str, xacro: Any, message: str
 ) -> None:
@@ -359,6 +365,7 @@ def found_arm(folder: Path, find: str) -> Path:
 
 
 @pytest.mark.parametrize('installed', [False, True], ids=['checkout', 'installed'])
+@pytest.mark.usefixtures('expanded_here')
 def test_xacro_finds_packages_installed_above_the_file_and_beside_its_package(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, installed: bool
 ) -> None:
@@ -381,6 +388,7 @@ def test_xacro_finds_packages_installed_above_the_file_and_beside_its_package(
     assert ('source its workspace' in str(lost.value)) == (not installed)
 
 
+@pytest.mark.usefixtures('expanded_here')
 def test_a_package_that_is_not_found_is_named_with_the_file_that_names_it(tmp_path: Path) -> None:
     checkout(tmp_path, 'arm', 'macros')
     path = found_arm(tmp_path, '$(find masses)')
@@ -484,6 +492,7 @@ def test_a_described_robot_is_found_in_each_place(
     assert str(package / 'urdf/bench.urdf') in robot.source
 
 
+@pytest.mark.usefixtures('expanded_here')
 def test_a_described_robot_is_the_file_of_its_package_with_its_own_numbers(
     installed: Path,
 ) -> None:
@@ -518,6 +527,7 @@ def test_a_range_that_is_given_to_a_continuous_joint_is_its_range(
     assert robot.position_upper.tolist() == upper
 
 
+@pytest.mark.usefixtures('expanded_here')
 def test_each_way_to_read_a_described_robot_gives_the_same_one(
     installed: Path, tmp_path: Path
 ) -> None:

@@ -131,6 +131,7 @@ def test_a_model_moves_as_in_mujoco(tmp_path: Path, text: str) -> None:
         np.testing.assert_allclose(pose(q)[:3, :3].ravel(), site.xmat, rtol=0, atol=ROUNDINGS)
 
 
+@pytest.mark.usefixtures('expanded_here')
 def test_bodies_whose_joints_lie_elsewhere_keep_their_frames(tmp_path: Path) -> None:
     robot = pfd.load_robot(written(tmp_path, OFFSETS), right_angle=-1)
     model = mujoco.MjModel.from_xml_string(OFFSETS)
@@ -143,6 +144,7 @@ def test_bodies_whose_joints_lie_elsewhere_keep_their_frames(tmp_path: Path) -> 
         np.testing.assert_allclose(pose[:3, :3].ravel(), data.body(name).xmat, atol=ROUNDINGS)
 
 
+@pytest.mark.usefixtures('expanded_here')
 def test_limits_losses_and_rotors_of_a_model_are_those_of_the_robot(tmp_path: Path) -> None:
     robot = pfd.load_robot(written(tmp_path, OFFSETS))
     assert robot.joint_names == ('a_fixed', 'tool_fixed', 'tip_site', 'd')
@@ -209,6 +211,7 @@ LACKED = """<option gravity="0 0 -1.62" density="1.2" actuatorgroupdisable="0"/>
         (off('constraint') + MOTOR, {'flags that switch off friction and limits'}),
     ],
 )
+@pytest.mark.usefixtures('expanded_here')
 def test_what_a_robot_lacks_of_a_model_is_named(tmp_path: Path, more: str, lost: set[str]) -> None:
     joint = 'damping="1" frictionloss="1" range="0 9"' + ' stiffness="3"' * (more == LACKED)
     with pytest.warns(pfd.PhysicsWarning, match='since a URDF has none') as warned:
@@ -216,6 +219,7 @@ def test_what_a_robot_lacks_of_a_model_is_named(tmp_path: Path, more: str, lost:
     assert {*str(warned[0].message).partition('none: ')[2].split('; ')} == lost
 
 
+@pytest.mark.usefixtures('expanded_here')
 def test_bodies_that_float_beside_an_arm_are_no_part_of_it(tmp_path: Path) -> None:
     cube = '<body name="cube"><freejoint/><geom size="0.1"/><site/></body>'
     path = written(tmp_path, model_of(cube + ONE.format('a', '')))
@@ -225,6 +229,7 @@ def test_bodies_that_float_beside_an_arm_are_no_part_of_it(tmp_path: Path) -> No
     assert set(robot.frames) == {'world', 'a'}
 
 
+@pytest.mark.usefixtures('expanded_here')
 def test_a_linear_equality_of_two_joints_is_a_mimic(tmp_path: Path) -> None:
     same = '<joint joint1="g" joint2="f" polycoef="0.1 -2 0 0 0"/>'
     path = written(tmp_path, model_of(HAND, f'<equality>{same}</equality>'))
@@ -246,6 +251,7 @@ def test_a_linear_equality_of_two_joints_is_a_mimic(tmp_path: Path) -> None:
         ('<weld body1="f" body2="led"/><weld body1="f" active="false"/>', 'f', ''),
     ],
 )
+@pytest.mark.usefixtures('expanded_here')
 def test_what_couples_joints_of_the_chain_is_refused_and_elsewhere_named(
     tmp_path: Path, equality: str, chain: str, words: str
 ) -> None:
@@ -272,6 +278,7 @@ def test_what_couples_joints_of_the_chain_is_refused_and_elsewhere_named(
         ('<body><geom size="0.1"/></body>', 'MuJoCo has no joint'),
     ],
 )
+@pytest.mark.usefixtures('expanded_here')
 def test_a_model_that_is_no_arm_is_refused(tmp_path: Path, body: str, words: str) -> None:
     mesh = '<asset><mesh name="m" file="missing.obj"/></asset>'
     with pytest.raises(ValueError, match=words):

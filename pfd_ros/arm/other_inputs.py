@@ -90,6 +90,9 @@ def _requested(arm: Arm, name: str, count: int) -> None:
             arm.discard_commands(brake=True)
         state.active = name == 'activate'
         state.waits = state.commanded = arm.lockstep and state.first.wait_for_controller
+        if state.waits and state.jump is None:
+            # For an answer to the present state.
+            state.since_ns = arm.stamp_ns
     if name in ('resume', 'activate', 'reset'):
         # The arm continues at the time of the followed clock, without steps.
         state.until_ns = None

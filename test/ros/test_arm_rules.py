@@ -432,6 +432,9 @@ def test_a_second_answer_to_the_first_state_of_a_run_in_lockstep_is_stale(start)
     engine = made(**{**waits, 'start_time': Settings(**waits).started(7.0, 0).start_time})
     answer = named(NAMES, [1.0, 2.0], stamp_ns=engine.stamp_ns)
     assert [engine.step([answer])[1][0].label for _ in range(2)] == ['accepted', 'stale']
+    # A state that waits for an answer after an activation is sent again, too.
+    answer = named(NAMES, [1.0, 2.0], stamp_ns=engine.stamp_ns)
+    assert verdict(engine, request('deactivate'), request('activate'), answer).accepted
 
 
 def test_after_a_reset_a_failed_arm_continues_at_the_time_of_its_cycle():

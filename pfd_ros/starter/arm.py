@@ -101,6 +101,11 @@ def arm_of(source: str | None, log: Path | None, tip: str) -> Arm:
     if recorded is not None:
         numbers, start, effects, left = _recorded(recorded.settings, robot)
         changed |= effects
+        if not numbers['armature'].any():
+            notes.append(
+                f'the arm of {name} has no rotor inertia, without which light joints may be too '
+                'hard to control: record with armature:=estimated, or add --urdf FILE'
+            )
         notes.append(
             f'of the settings of {name}, which pfd info prints, these are taken: '
             f'{", ".join(TAKEN)}; these are not the default and not taken: {", ".join(left)}'

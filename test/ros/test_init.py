@@ -62,8 +62,8 @@ def parameters(package: Path) -> dict[str, Any]:
     return {node: table['ros__parameters'] for node, table in yaml.safe_load(text).items()}
 
 
-def record(folder: Path, **settings: Any) -> Path:
-    path = folder / 'run.mcap'
+def record(folder: Path, name: str = 'run.mcap', **settings: Any) -> Path:
+    path = folder / name
     settings = {'robot': folder / 'arm.urdf', 'locked': ['finger'], **settings}
     with LockstepArm(recording=path, **settings) as arm:
         arm.run(lambda t, q, qd: 0.0 * q, 0.1)
@@ -211,6 +211,16 @@ def test_a_recording_gives_its_arm_and_says_what_is_left(folder, capsys, setting
     assert told.isdisjoint(arm)
     urdf = (folder / 'mine' / 'mine' / 'arm.urdf').read_text(encoding='utf-8')
     assert urdf == gripper_arm.urdf()
+
+
+def test_a_recording_of_an_arm_without_rotors_has_advice_that_works(folder, capsys):
+    kinova = {'robot': example_robot('kinova_description/robots/kinova.urdf'), 'locked': []}
+    record(folder, **kinova)
+    assert pfd_main(['init', 'mine', '--bag', 'run.mcap']) == 1
+    advice = re.search(r'record with (\w+):=(\w+)', capsys.readouterr().err)
+    assert advice
+    record(folder, 'again.mcap', **kinova, **{advice[1]: advice[2]})
+    init('--bag', 'again.mcap')
 
 
 def test_a_recording_of_a_robot_by_name_gives_the_arm_without_its_locked_joint(folder):

@@ -101,14 +101,7 @@ def find_chain(
     before = [carriers[joint.parent] for joint in moving]
     ends = [joint for joint in moving if joint not in before]
     movers = {link: by for link, by in carriers.items() if by}
-    chosen = tip
-    if chosen is None:
-        ways, bodies = [path_to(end.child, movers) for end in ends], movers.items()
-        heavy = [by.name for link, by in bodies if urdf.links[link] is not None or by.mimic]
-        for way in ways:  # no arm ends in links without mass: of several ends these are cut off
-            while ends[1:] and way[1:] and way[-1].name not in heavy:
-                way.pop()
-        chosen = _advised_tip(urdf, ways)
+    chosen = _advised_tip(urdf, ends, movers) if tip is None else tip
     if chosen not in carriers:
         raise ValueError(f'tip {quote(chosen)} is not below base {quote(base)} in {label}')
     chain = path_to(chosen, movers)
@@ -242,13 +235,18 @@ def path_to(link: str, above: Mapping[str, Joint]) -> list[Joint]:
     return path
 
 
-def _advised_tip(urdf: Urdf, every: list[list[Joint]]) -> str:
+def _advised_tip(urdf: Urdf, ends: list[Joint], movers: Mapping[str, Joint]) -> str:
     """
-    Return the end of the chain of the most joints that follow none, of several chains.
+    Return the end of the chain of the most joints that follow none, of the chains to some ends.
 
     Where others have as many, or follow it, it is the link on which they part if most of the
     joints are above it, as with the fingers of a hand, or else the first one, as with two arms.
     """
+    every, bodies = [path_to(end.child, movers) for end in ends], movers.items()
+    heavy = [by.name for link, by in bodies if urdf.links[link] is not None or by.mimic]
+    for way in every:  # no arm ends in links without mass: of several ends these are cut off
+        while ends[1:] and way[1:] and way[-1].name not in heavy:
+            way.pop()
     leaders = {
         joint.name: rule.leader for way in every for joint in way if (rule := rule_of(urdf, joint))
     }

@@ -85,20 +85,7 @@ def robot_from_urdf(
     stated = {joint.name: dict(joint.limits) for joint in joints}
     for name in stated.keys() & urdf.armature.keys():
         stated[name]['armature'] = urdf.armature[name]
-    rules = {joint.name: rule for joint in joints if (rule := rule_of(urdf, joint)) is not None}
-    for joint in joints:
-        if joint.name in rules:
-            _fold(joint, stated[joint.name], rules[joint.name], stated)
-    if rules:
-        told = ', '.join(
-            f'{quote(name)} with {quote(rule.leader)}'
-            for name, rule in rules.items()
-            if name not in chain.ways_back
-        )
-        warn(
-            f'{urdf.place}: joints that mimic others have no motor and move with them, {told}: '
-            'their limits and losses are those of the others, their efforts are not read'
-        )
+    rules = _folded(urdf, chain, stated)
     rows = []
     for joint in joints:
         ended = joint.kind == 'continuous' and stated[joint.name].keys() & {'lower', 'upper'}
@@ -159,6 +146,26 @@ def _warn_of_locks(urdf: Urdf, chain: Chain, given: Mapping[str, float]) -> None
                 f'{urdf.place}: joint {quote(name)} is locked, though it mimics '
                 f'{quote(rule.leader)}, which moves: the arm lacks that motion'
             )
+
+
+def _folded(urdf: Urdf, chain: Chain, stated: Mapping[str, dict[str, float]]) -> dict[str, Mimic]:
+    """Return the rule of each follower by name; its numbers are added to those of its leader."""
+    rules: dict[str, Mimic] = {}
+    for joint in chain.joints:
+        if (rule := rule_of(urdf, joint)) is not None:
+            rules[joint.name] = rule
+            _fold(joint, stated[joint.name], rule, stated)
+    if rules:
+        told = ', '.join(
+            f'{quote(name)} with {quote(rule.leader)}'
+            for name, rule in rules.items()
+            if name not in chain.ways_back
+        )
+        warn(
+            f'{urdf.place}: joints that mimic others have no motor and move with them, {told}: '
+            'their limits and losses are those of the others, their efforts are not read'
+        )
+    return rules
 
 
 def _fold(

@@ -93,7 +93,7 @@ def step_code(
             implicit=0.0 if segment.damped else tableau.implicit * h,
         )
     law = Law(plant, dtype, short=short)
-    segment = Segment(plant, tableau, h, compensated, law.load, loaded=not law.drives)
+    segment = Segment(plant, tableau, h, compensated, law.load, load_in_stages=not law.drives)
     return StepCode(
         plant,
         (*further, UNFINISHED),

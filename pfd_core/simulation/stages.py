@@ -73,7 +73,7 @@ class Segment:
     load : callable or None
         load(tau, qd, direction, damped) returns the torques of sliding joints under torques tau of
         the motors. None for a scene without events.
-    loaded : bool
+    load_in_stages : bool
         Whether the stages' programs apply `load` to the torques themselves: motors do not
         change them.
 
@@ -84,7 +84,7 @@ class Segment:
     h: float
     compensated: bool
     load: Callable[[Row, Row, Row, bool], Row] | None = None
-    loaded: bool = False
+    load_in_stages: bool = False
 
     @property
     def damped(self) -> bool:
@@ -220,7 +220,7 @@ class Segment:
         outputs = {'q.stage': q, name: qd}
         if self.lags:
             outputs[self.tau[1]] = self._torques(at, part)
-        if self.loaded and self.load is not None:
+        if self.load_in_stages and self.load is not None:
             tau = outputs.get(self.tau[1]) or at.tau
             outputs['y'] = self.load(tau, qd, at.direction, self.damped)
         return outputs

@@ -18,7 +18,7 @@ Source: ros2_controllers 6.9.0, joint_trajectory_controller/doc/trajectory.rst.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -95,35 +95,7 @@ def rule(arm: Arm, data: bytes) -> Change:
     """Check a trajectory."""
     found, state = decode_trajectory(data), arm.state
     names, times, values = found.names, np.array(found.times_ns, np.int64), found.values
-    if not names:
-        raise RefusedError('no_names', 'no joint names')
-    if len(set(names)) < len(names):
-        raise RefusedError('duplicate_names', 'a joint is named twice')
-    strange = [name for name in names if name not in arm.place]
-    if strange:
-        raise RefusedError('unknown_names', f'no moving joints of the arm: {listed(strange)}')
-    if not len(times) or times[0] < 0 or (np.diff(times) <= 0).any():
-        raise ValueError('the times of the points do not increase from 0 on, or there is no point')
-    for kind, array in values.items():
-        wrong = np.argwhere(~np.isfinite(array))
-        if len(wrong):
-            point, k = wrong[0]
-            text = f'{kind} of joint {cut(names[k])!r} at point {point} is {array[point, k]}'
-            raise RefusedError('not_finite', text)
-    if not {'positions', 'effort'} & values.keys():
-        raise RefusedError('no_effort', 'the points have neither positions nor efforts')
-    needs = {'velocities': 'positions', 'accelerations': 'velocities'}
-    for kind in needs.keys() & values.keys():
-        if needs[kind] not in values:
-            raise RefusedError('no_effort', f'{kind} without {needs[kind]}')
-    joints = np.array([arm.place[name] for name in names])
-    position, velocity = (values.get(x, np.zeros(0)) for x in ('positions', 'velocities'))
-    check_reach(position, velocity)
-    if len(velocity) and velocity[-1].any():
-        raise RefusedError('refused', 'a velocity of the last point is not zero')
-    idle = [x for x, k in zip(names, joints, strict=True) if not arm.actuators.p[k] > 0.0]
-    if len(position) and idle:
-        raise RefusedError('no_effort', f'no servo gain for the positions of {listed(idle)}')
+    joints = _places(arm, names, times, values)
     if state.first.follows_clock and state.until_ns is None:
         raise RefusedError(
             'refused', 'no tick of the clock yet: its start is at no time of the arm'
@@ -147,6 +119,41 @@ def rule(arm: Arm, data: bytes) -> Change:
         text = f'joint {cut(names[k])!r} would go farther than {FARTHEST:g} between two points'
         raise RefusedError('refused', f'{text}: accelerations are too large for their times')
     return _follow, (plan,)
+
+
+def _places(
+    arm: Arm, names: Sequence[str], times: NDArray[np.int64], values: Mapping[str, NDArray[Any]]
+) -> NDArray[Any]:
+    """Check the points of a trajectory, and return the places of its joints in the arm."""
+    if not names:
+        raise RefusedError('no_names', 'no joint names')
+    if len(set(names)) < len(names):
+        raise RefusedError('duplicate_names', 'a joint is named twice')
+    strange = [name for name in names if name not in arm.place]
+    if strange:
+        raise RefusedError('unknown_names', f'no moving joints of the arm: {listed(strange)}')
+    if not len(times) or times[0] < 0 or (np.diff(times) <= 0).any():
+        raise ValueError('the times of the points do not increase from 0 on, or there is no point')
+    for kind, array in values.items():
+        wrong = np.argwhere(~np.isfinite(array))
+        if len(wrong):
+            point, k = wrong[0]
+            text = f'{kind} of joint {cut(names[k])!r} at point {point} is {array[point, k]}'
+            raise RefusedError('not_finite', text)
+    if not {'positions', 'effort'} & values.keys():
+        raise RefusedError('no_effort', 'the points have neither positions nor efforts')
+    for kind, base in (('velocities', 'positions'), ('accelerations', 'velocities')):
+        if kind in values and base not in values:
+            raise RefusedError('no_effort', f'{kind} without {base}')
+    joints = np.array([arm.place[name] for name in names])
+    position, velocity = (values.get(x, np.zeros(0)) for x in ('positions', 'velocities'))
+    check_reach(position, velocity)
+    if len(velocity) and velocity[-1].any():
+        raise RefusedError('refused', 'a velocity of the last point is not zero')
+    idle = [x for x, k in zip(names, joints, strict=True) if not arm.actuators.p[k] > 0.0]
+    if len(position) and idle:
+        raise RefusedError('no_effort', f'no servo gain for the positions of {listed(idle)}')
+    return joints
 
 
 def _follow(arm: Arm, plan: Plan) -> None:

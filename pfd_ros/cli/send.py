@@ -55,45 +55,24 @@ def _run(given: argparse.Namespace) -> int:
     deadline = time.monotonic() + given.patience
     with visitor('pfd_send') as node:
         topic = resolved(node, given.topic)
-
-        def subscribers() -> list[Any]:
-            return list(node.get_subscriptions_info_by_topic(topic))
-
-        def names() -> set[str]:
-            """Return the names of the subscribers, nothing while one is unknown."""
-            found = {node_of(end) for end in subscribers()}
-            return set() if any(UNKNOWN_NODE in name for name in found) else found
-
-        found = sorted({end.topic_type for end in _first(subscribers, deadline)})
-        if not found:
-            domain = os.environ.get('ROS_DOMAIN_ID', '0')
-            waited = f'within {given.patience:g} s in ROS_DOMAIN_ID {domain}'
-            raise ValueError(f'no subscriber to {topic} {waited}')
-        if len(found) > 1:
-            raise ValueError(f'subscribers to {topic} expect different types: {listed(found)}')
-        message = message_of(found[0], given.values, given.field)
+        kind = _type_of(node, topic, given.patience)
+        message = message_of(kind, given.values, given.field)
         publisher = node.create_publisher(type(message), topic, 1)
         # Discovery of the publisher takes longer than of the subscriber.
         _first(publisher.get_subscription_count, deadline + 1.0)
         refused: dict[str, str] = {}
-        nodes = _first(names, time.monotonic() + patience)
-
-        def arms() -> list[str]:
-            known = dict(node.get_topic_names_and_types())
-            return [name for name in nodes if f'{name}/{REJECTED}' in known]
-
-        found_arms = _first(arms, time.monotonic() + DISCOVERY_SECONDS)
+        arms = _arms(node, topic, patience)
         listening = [
             node.create_subscription(
                 String, f'{name}/{REJECTED}', partial(_refused, refused, name), DEPTH
             )
-            for name in found_arms
+            for name in arms
         ]
         # An arm that answers knows the subscription from before: its refusal will come.
-        joints = [joint for name in found_arms for joint in _joints(node, name, patience)]
-        if found == [JOINT_STATE] and not topic.endswith(str(ROLES[SET_STATE].topic)[1:]):
+        joints = [joint for name in arms for joint in _joints(node, name, patience)]
+        if kind == JOINT_STATE and not topic.endswith(str(ROLES[SET_STATE].topic)[1:]):
             strange = [name for name in message.name if name not in joints]
-            if found_arms and strange:
+            if arms and strange:
                 raise ValueError(
                     f'nothing sent to {topic}: no moving joints of an arm are {listed(strange)}; '
                     f'known are {listed(joints)}'
@@ -103,15 +82,46 @@ def _run(given: argparse.Namespace) -> int:
         publisher.publish(message)
         if not publisher.wait_for_all_acked(Duration(seconds=patience)):
             raise ValueError(f'{topic}: no subscriber acknowledged the message')
-        for name in found_arms:
+        for name in arms:
             _joints(node, name, patience)  # which it answers after it has received the message
         end = time.monotonic() + ANSWER_SECONDS
         while listening and (left := end - time.monotonic()) > 0.0:
             rclpy.spin_once(node, timeout_sec=left)
     if refused:
         raise ValueError('; '.join(f'rejected by {name}: {why}' for name, why in refused.items()))
-    print_lines([f'sent {found[0]} to {topic}'])
+    print_lines([f'sent {kind} to {topic}'])
     return 0
+
+
+def _type_of(node: Any, topic: str, patience: float) -> str:
+    """Return the type that the subscribers to a topic expect; ValueError without one."""
+    deadline = time.monotonic() + patience
+    ends = _first(partial(node.get_subscriptions_info_by_topic, topic), deadline)
+    found = sorted({end.topic_type for end in ends})
+    if not found:
+        domain = os.environ.get('ROS_DOMAIN_ID', '0')
+        waited = f'within {patience:g} s in ROS_DOMAIN_ID {domain}'
+        raise ValueError(f'no subscriber to {topic} {waited}')
+    if len(found) > 1:
+        raise ValueError(f'subscribers to {topic} expect different types: {listed(found)}')
+    return str(found[0])
+
+
+def _arms(node: Any, topic: str, patience: float) -> list[str]:
+    """Return the nodes that subscribe to a topic and publish what they refuse: arms."""
+    from pfd_ros.arm.events import REJECTED
+
+    def nodes() -> set[str]:
+        """Return the names of the subscribers, nothing while one is unknown."""
+        found = {node_of(end) for end in node.get_subscriptions_info_by_topic(topic)}
+        return set() if any(UNKNOWN_NODE in name for name in found) else found
+
+    def arms() -> list[str]:
+        known = dict(node.get_topic_names_and_types())
+        return [name for name in subscribers if f'{name}/{REJECTED}' in known]
+
+    subscribers = _first(nodes, time.monotonic() + patience)
+    return list(_first(arms, time.monotonic() + DISCOVERY_SECONDS))
 
 
 def _joints(node: Any, arm: str, patience: float) -> list[str]:

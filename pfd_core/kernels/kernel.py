@@ -328,7 +328,9 @@ class _NativeKernel(Kernel):
 
 def _as_rows(value: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
     """Return an input broadcast to a batch shape, with one row for each state."""
-    rows = np.broadcast_to(value, (*shape, value.shape[-1])).reshape(-1, value.shape[-1])
+    if value.shape[:-1] != shape:
+        value = np.broadcast_to(value, (*shape, value.shape[-1]))
+    rows = value.reshape(-1, value.shape[-1])
     return rows if _adjacent(rows) else np.ascontiguousarray(rows)
 
 

@@ -92,7 +92,7 @@ def record_refined(
 
 
 def record_answer(plant: Plant, method: str, steps: int, dtype: str) -> Program:
-    """Return the same program for a number format, with NaN for a qdd that has not converged."""
+    """Return record_refined for a number format, with NaN for a qdd that has not converged."""
     recorded = record_refined(plant, method, steps, TOLERANCES[dtype])
     return with_nan_unless_converged(recorded, plant)
 

@@ -116,12 +116,12 @@ def record_pcrbm(plant: Plant, schedule: str, *, edition: Edition = OURS) -> Pro
 
 
 def record_pcrbm_1987(plant: Plant, schedule: str, *, misprints: Collection[str] = ()) -> Program:
-    """Return the same program in the paper's form, with misprints taken as printed by name."""
+    """Return PCRBM in the paper's form, with misprints taken as printed by name."""
     return record_pcrbm(plant, schedule, edition=edition_of('pcrbm_1987', misprints))
 
 
 def record_pcrbm_base_origin(plant: Plant, schedule: str) -> Program:
-    """Return the same program, with H about the base origin."""
+    """Return PCRBM with H about the base origin."""
     chain, y = forward_equations(plant, schedule)
     return _solved(chain, inertia_matrix_base_origin(chain), y)
 

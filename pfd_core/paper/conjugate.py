@@ -130,5 +130,5 @@ def record_pcgm(
 def record_pcgm_1987(
     plant: Plant, schedule: str, *, misprints: Collection[str] = (), start: bool = False
 ) -> Program:
-    """Return the same program in the paper's form, with misprints taken as printed by name."""
+    """Return PCGM in the paper's form, with misprints taken as printed by name."""
     return record_pcgm(plant, schedule, start=start, edition=edition_of('pcgm_1987', misprints))

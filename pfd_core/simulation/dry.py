@@ -169,7 +169,7 @@ class Law:
         return self._with_load(i, 'static_friction', tau)
 
     def bounds(self, at: Inputs, name: str) -> Row:
-        """Return the same of all joints, under an array of torques of the motors."""
+        """Return the largest friction of all joints at rest, under an array of torques."""
         # Only friction that depends on them needs the array.
         zeros = [at.recorder.constant(0.0)] * self.n
         torques = getattr(at, name) if self.loaded else zeros
@@ -292,7 +292,7 @@ def _reversal(direction: Lanes, moving: Lanes, v: Lanes) -> tuple[Lanes, Lanes]:
 
 
 def _release(law: Law, i: int, at: Inputs, slack: Lanes) -> tuple[Lanes, Lanes]:
-    """Return the same of the release of a joint, by what lambda may exceed its bounds."""
+    """Return whether the release of a joint has a part in the segment, and its margin."""
     (low, high), torque = (side[i] for side in law.at_stops(at.q)), at.torque[i]
     bounded = either(at.sticks[i], both(low, high))
     toward = where(low, -torque, where(high, torque, absolute(torque)))

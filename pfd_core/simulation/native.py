@@ -247,7 +247,7 @@ class EventWriter:
         s.evaluate(f'rest.{place}', 'held', q=q, qd=qd, tau=f'y.{place}', free='moving')
 
     def _rest_begin(self, s: Script) -> None:
-        """Do so at the beginning, unless the last segment has ended in the same state."""
+        """Evaluate the beginning of a segment, unless the last one has ended in the same state."""
         tau, again = self.segment.tau[0], s.code.variable('i1', 'true')
         if self.keeps:
             with s.when_any(KNOWN):

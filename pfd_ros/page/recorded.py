@@ -194,7 +194,7 @@ class Recorded:
         return unit_of(item, self.robot, names)
 
     def states_unit(self, item: str, names: tuple[str, ...]) -> str:
-        """Return the same for the states of the log, whose efforts may be currents."""
+        """Return the unit in the states of the log, whose efforts may be currents."""
         currents = self.settings.get('state_effort') == 'current'
         return 'A' if item == 'effort' and currents else self.unit(item, names)
 

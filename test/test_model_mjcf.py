@@ -180,7 +180,9 @@ LACKED = """<option gravity="0 0 -1.62" density="1.2" actuatorgroupdisable="0"/>
 <tendon><fixed><joint joint="a" coef="1"/></fixed></tendon>
 <actuator><position name="servo" joint="a" kp="9"/><general joint="a" dyntype="filter"/>
   <motor joint="a" forcerange="-1 2"/><motor joint="a" ctrlrange="0 2"/>
-  <adhesion body="a" ctrlrange="0 1"/></actuator>"""
+  <adhesion body="a" ctrlrange="0 1"/><motor joint="a" delay="0.01" nsample="9"/>
+  <plugin name="p" joint="a" plugin="mujoco.pid" instance="pid"/></actuator>
+<extension><plugin plugin="mujoco.pid"><instance name="pid"/></plugin></extension>"""
 
 
 @pytest.mark.parametrize(
@@ -191,7 +193,8 @@ LACKED = """<option gravity="0 0 -1.62" density="1.2" actuatorgroupdisable="0"/>
             {
                 *('springs of joints', 'gravity [0.0, 0.0, -1.62], which a scene sets', 'tendons'),
                 *('the fluid', 'equality constraints', 'contacts'),
-                "laws of actuators (such as kp and kv of servos) 'servo', 'actuator1'",
+                *('plugins', 'delay of actuators'),
+                "laws of actuators (such as kp and kv of servos) 'servo', 'actuator1', 'p'",
                 "the smaller side of ctrlrange or forcerange 'actuator2', 'actuator3'",
                 *(
                     'the smaller side of actuatorfrcrange',

@@ -158,6 +158,8 @@ def _lost(mujoco: Any, model: Any) -> Iterator[str]:
         'springs of joints': has('jnt_stiffness', 'jnt_stiffnesspoly'),
         'damping that is not linear': has('dof_dampingpoly'),
         'armature and damping of actuators': has('actuator_armature', 'actuator_damping'),
+        'delay of actuators': has('actuator_delay'),
+        'plugins': model.nplugin > 0,
         'gravity compensation of bodies': has('body_gravcomp'),
         'tendons': model.ntendon > 0,
         'equality constraints': model.neq > len(_equalities(mujoco, model)[0]),
@@ -198,6 +200,7 @@ def _is_motor(mujoco: Any, model: Any, k: int) -> bool:
         model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_FIXED
         and model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_NONE
         and model.actuator_dyntype[k] == mujoco.mjtDyn.mjDYN_NONE
+        and model.actuator_plugin[k] < 0
     )
 
 

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
+from pfd_ros.arm.description import parsed_urdf
 from pfd_ros.arm.events import ARRAY, NAMED, REJECTED, STATES, TRAJECTORY, TRUE_STATES
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.joints import JOINT_FIELDS, unit_of
@@ -43,10 +44,11 @@ LATEST_START = 10**6 * NANOSECONDS
 
 def _chain(text: str) -> pfd.Robot:
     """Return the robot of a URDF; of a tree its longest chain."""
+    urdf = parsed_urdf(text, 'it')
     try:
-        return pfd.load_robot(text)
+        return pfd.load_robot(urdf)
     except pfd.TreeError as error:
-        return pfd.load_robot(text, tip=error.tip)
+        return pfd.load_robot(urdf, tip=error.tip)
 
 
 @dataclass(frozen=True, eq=False)

@@ -88,7 +88,12 @@ def table(head: Mapping[str, str], key: str) -> dict[str, Any]:
 def robot_of(data: bytes) -> pfd.Robot:
     """Return the robot of the attachment ROBOT; ValueError if it is none."""
     text = data.decode()
-    # A single line would be the name of a file, and `<` begins URDF.
-    if '\n' not in text or text.lstrip().startswith('<') or len(data) > ROBOT_BYTES:
+    # Without line break or colon it would be the name of a file, and `<` begins URDF.
+    if (
+        '\n' not in text
+        or ':' not in text
+        or text.lstrip().startswith('<')
+        or len(data) > ROBOT_BYTES
+    ):
         raise ValueError(f'{names.ROBOT} of {len(data)} bytes is no robot, or above {ROBOT_BYTES}')
     return pfd.load_robot(text)

@@ -439,8 +439,9 @@ def test_limits_that_a_log_has_no_numbers_for_are_named(tmp_path):
 def test_the_one_description_in_another_log_gives_the_limits(tmp_path, arms):
     # Of a tree the longest chain.
     text = gripper_arm.urdf()
-    texts = [text, text.replace('mass value="1"', 'mass value="2"')][:arms]
-    topics = [f'/{k}/robot_description' for k in range(arms)]
+    # A text that is no URDF names no robot.
+    texts = [text, text.replace('mass value="1"', 'mass value="2"')][:arms] or ['ur5']
+    topics = [f'/{k}/robot_description' for k in range(len(texts))]
     rows = [(t, DAY, encode_string(x), STRING) for t, x in zip(topics, texts, strict=True)]
     moving = states([*gripper_arm.ARM, 'other'], TIMES)
     moving[70][2]['effort'][1] = 91.0

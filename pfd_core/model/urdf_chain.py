@@ -243,10 +243,12 @@ def _advised_tip(urdf: Urdf, ends: list[Joint], movers: Mapping[str, Joint]) -> 
     joints are above it, as with the fingers of a hand, or else the first one, as with two arms.
     """
     every, bodies = [path_to(end.child, movers) for end in ends], movers.items()
-    heavy = [by.name for link, by in bodies if urdf.links[link] is not None or by.mimic]
-    for way in every:  # no arm ends in links without mass: of several ends these are cut off
-        while ends[1:] and way[1:] and way[-1].name not in heavy:
-            way.pop()
+    heavy = {by.name for link, by in bodies if urdf.links[link] is not None or by.mimic}
+    # No arm ends in links without mass: of several ends these are cut off.
+    for way in every if ends[1:] else ():
+        if not heavy.isdisjoint(joint.name for joint in way):
+            while way[-1].name not in heavy:
+                way.pop()
     leaders = {
         joint.name: rule.leader for way in every for joint in way if (rule := rule_of(urdf, joint))
     }

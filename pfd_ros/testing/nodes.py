@@ -132,8 +132,8 @@ class _WithoutTimers:
 
     timers = ()
 
-    def __init__(self, node: Node, events: Any) -> None:
-        self._node, self._events, self.executor = node, events, None
+    def __init__(self, node: Node, executor: Any) -> None:
+        self._node, self._runs, self.executor = node, executor, None
         self._awaiting: dict[Any, _Awaiting] = {}
 
     def __getattr__(self, name: str) -> Any:
@@ -142,7 +142,7 @@ class _WithoutTimers:
     @property
     def subscriptions(self) -> list[Any]:
         return [
-            self._awaiting.setdefault(one, _Awaiting(one, self._events))
+            self._awaiting.setdefault(one, _Awaiting(one, self._runs))
             if iscoroutinefunction(one.callback)
             else one
             for one in self._node.subscriptions
@@ -152,9 +152,9 @@ class _WithoutTimers:
 class _Awaiting:
     """A subscription whose callback is a coroutine."""
 
-    def __init__(self, subscription: Any, events: Any) -> None:
+    def __init__(self, subscription: Any, executor: Any) -> None:
         self._subscription, run = subscription, subscription.callback
-        self.callback = lambda *message: events.create_task(run, *message)
+        self.callback = lambda *message: executor.create_task(run, *message)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._subscription, name)
@@ -231,14 +231,14 @@ class NodeLink:
     def __init__(
         self,
         node: Node,
-        events: Any,
+        executor: Any,
         watch: Watch,
         described: DescribedRobot,
         engine: Engine,
         nodes: Sequence[Node],
         processes: Sequence[ControllerProcess],
     ) -> None:
-        self._node, self._events, self._watch, self._engine = node, events, watch, engine
+        self._node, self._executor, self._watch, self._engine = node, executor, watch, engine
         self._nodes, self._processes = nodes, processes
         self._period, self._patience = math.inf, watch.patience
         settings = engine.state.settings
@@ -316,8 +316,7 @@ class NodeLink:
     def _find_peers(self, here: set[str], now: float) -> None:
         """Make a peer of each node that is not hidden and not run here."""
         pairs = self._node.get_node_names_and_namespaces()
-        listed = [f'{space.rstrip("/")}/{name}' for name, space in pairs if name[0] != '_']
-        names = set(listed)
+        names = {f'{space.rstrip("/")}/{name}' for name, space in pairs if name[0] != '_'}
         self._peers = {
             name: self._peers.get(name) or _Peer(self._node, name) for name in sorted(names - here)
         }
@@ -325,8 +324,8 @@ class NodeLink:
             if peer.sim_time is None:
                 peer.greet(now)
         # The nodes of a process share the participant of the middleware, or count as several.
-        events = self._node.get_publishers_info_by_topic(EVENTS)
-        places = {(node_of(x), bytes(x.endpoint_gid[:PARTICIPANT_BYTES])) for x in events}
+        ends = self._node.get_publishers_info_by_topic(EVENTS)
+        places = {(node_of(x), bytes(x.endpoint_gid[:PARTICIPANT_BYTES])) for x in ends}
         counts = Counter(name for name, _ in places if name in names)
         self._twins = sorted(name for name, count in counts.items() if count > 1)
         self._places = {place for name, place in places if name in self._peers}
@@ -507,7 +506,7 @@ class NodeLink:
             # In the order in which they were made.
             for timer in due:
                 timer.handle.call_timer()
-                self._events.create_task(timer.callback)
+                self._executor.create_task(timer.callback)
             if perf_counter() > deadline:
                 raise NoAnswerError(f'timers are due without end {self._where()}')
 
@@ -517,9 +516,9 @@ class NodeLink:
         watch.since = perf_counter()
         try:
             if future is None:
-                self._events.spin_once(seconds)
+                self._executor.spin_once(seconds)
             else:
-                self._events.spin_until_future_complete(future, seconds)
+                self._executor.spin_until_future_complete(future, seconds)
             watch.since = 0.0
         except BlockedError:
             pass

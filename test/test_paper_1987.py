@@ -385,6 +385,8 @@ def test_an_arm_that_nothing_accelerates_takes_no_iteration(method: str) -> None
     run = pfd.emulate(robot, zero + 1, zero, zero, method=method, scene=pfd.Scene(gravity=None))
     assert (run.status, run.iterations) == ('ok', 0)
     assert run.steps == run.program.count(iterations=0)
+    assert run != pfd.emulate(robot, zero, zero, zero)
+    assert len(repr(run)) < 4000
 
 
 @pytest.mark.parametrize('method', ALL_METHODS)

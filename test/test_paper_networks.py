@@ -35,10 +35,10 @@ from pfd_core.paper.articulated_doubling import plan as doubling_plan
 from pfd_core.paper.conjugate import most_iterations
 from pfd_core.paper.networks import Hop as NetworkHop
 from pfd_core.paper.networks import NetworkError, route_steps
+from pfd_core.paper.networks import by_section as network_sections
 from pfd_core.paper.networks import carrier as network_carrier
 from pfd_core.paper.networks import carry as carry_messages
 from pfd_core.paper.networks import hops as network_hops
-from pfd_core.paper.networks import steps as network_steps
 from pfd_core.paper.networks import wiring as network_wiring
 
 LANES = (1, 2, 3, 5, 6, 8, 11, 16)
@@ -167,7 +167,7 @@ def test_the_orientation_recurrence_takes_the_shifts_of_its_levels(L: int) -> No
     # Nine words a level: 1 step each on PM2I, 1 and then 2 on the cube, 2^k on the ring.
     program = FORWARD_METHODS['pcrbm'](resolve_plant(uniform_chain(2**L)), 'unpacked')
     routes = {
-        network: network_steps(program, network, section='orientation').routes
+        network: network_sections(program, network)['orientation'].routes
         for network in ('crossbar', 'pm2i', 'cube', 'ring')
     }
     assert routes == {

@@ -10,7 +10,7 @@ processor. With `digits` the program runs on mpmath numbers and gives the refere
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -42,7 +42,7 @@ ROUNDINGS = 250.0
 NOISE = 8.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Run:
     """
     Result of an emulated run.
@@ -88,7 +88,7 @@ class Run:
     status: str
     iterations: int | None
     cycles: int | None
-    program: Program
+    program: Program = field(repr=False)
 
     # mpmath rounds a pickled number to the precision that is set where it is unpickled.
     def __getstate__(self) -> dict[str, Any]:

@@ -196,23 +196,10 @@ def steps(
     program: Program,
     network: str = 'crossbar',
     processors: int | None = None,
-    section: str | None = None,
     iterations: int = 1,
 ) -> Steps:
-    """
-    Return the steps that a program takes on a network; on a crossbar each route is one step.
-
-    Other arguments and errors are as for Program.count. ValueError for an unknown network, and for
-    any but a crossbar with fewer processors than lanes.
-    """
-    choice('network', network, NETWORKS)
-    counted = program.count(processors, section, iterations)
-    if network == 'crossbar':
-        return counted
-    found = by_section(program, network, processors, iterations)
-    return replace(
-        counted, routes=sum(own.routes for name, own in found.items() if section in (None, name))
-    )
+    """Return the steps that a program takes; arguments and errors as for `by_section`."""
+    return sum(by_section(program, network, processors, iterations).values(), Steps())
 
 
 def by_section(
@@ -221,7 +208,12 @@ def by_section(
     processors: int | None = None,
     iterations: int = 1,
 ) -> dict[str, Steps]:
-    """Return the steps of each section of a program; arguments and errors as for `steps`."""
+    """
+    Return the steps of each section of a program; on a crossbar each route is one step.
+
+    Other arguments and errors are as for Program.count. ValueError for an unknown network, and for
+    any but a crossbar with fewer processors than lanes.
+    """
     choice('network', network, NETWORKS)
     counted = count_sections(program, processors, iterations)
     if network == 'crossbar':

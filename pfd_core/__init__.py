@@ -20,8 +20,8 @@ To change or add
                             An effect on motors also needs its torque in dynamics.drives; dry
                             friction its law in simulation.dry: has_contact, Law.size, Law.bound,
                             Law.rough. An effect that depends on the torque of the motor
-                            acts over a step, as load_friction: also in dry.Law.loaded, and
-                            model.plant._without_compensated_gravity
+                            acts over a step, as load_friction: also in dry.Law.loaded,
+                            dry.modes and model.plant._without_compensated_gravity
     rotor inertia           config/robots/*.yaml, read by model.yaml_files (_losses); of a URDF by
                             model.urdf_xml; estimated by model.limits; acts with
                             Scene(armature=...)

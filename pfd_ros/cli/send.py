@@ -52,14 +52,13 @@ def _run(given: argparse.Namespace) -> int:
     from pfd_ros.node.visitor import resolved, visitor
 
     patience = max(given.patience, 1.0)
-    deadline = time.monotonic() + given.patience
     with visitor('pfd_send') as node:
         topic = resolved(node, given.topic)
         kind = _type_of(node, topic, given.patience)
         message = message_of(kind, given.values, given.field)
         publisher = node.create_publisher(type(message), topic, 1)
         # Discovery of the publisher takes longer than of the subscriber.
-        _first(publisher.get_subscription_count, deadline + 1.0)
+        _first(publisher.get_subscription_count, given.patience + 1.0)
         refused: dict[str, str] = {}
         arms = _arms(node, topic, patience)
         listening = [
@@ -78,7 +77,7 @@ def _run(given: argparse.Namespace) -> int:
                     f'known are {listed(joints)}'
                 )
         for subscription in listening:
-            _first(subscription.get_publisher_count, deadline + 1.0)
+            _first(subscription.get_publisher_count, given.patience + 1.0)
         publisher.publish(message)
         if not publisher.wait_for_all_acked(Duration(seconds=patience)):
             raise ValueError(f'{topic}: no subscriber acknowledged the message')
@@ -95,8 +94,7 @@ def _run(given: argparse.Namespace) -> int:
 
 def _type_of(node: Any, topic: str, patience: float) -> str:
     """Return the type that the subscribers to a topic expect; ValueError without one."""
-    deadline = time.monotonic() + patience
-    ends = _first(partial(node.get_subscriptions_info_by_topic, topic), deadline)
+    ends = _first(partial(node.get_subscriptions_info_by_topic, topic), patience)
     found = sorted({end.topic_type for end in ends})
     if not found:
         domain = os.environ.get('ROS_DOMAIN_ID', '0')
@@ -120,8 +118,8 @@ def _arms(node: Any, topic: str, patience: float) -> list[str]:
         known = dict(node.get_topic_names_and_types())
         return [name for name in subscribers if f'{name}/{REJECTED}' in known]
 
-    subscribers = _first(nodes, time.monotonic() + patience)
-    return list(_first(arms, time.monotonic() + DISCOVERY_SECONDS))
+    subscribers = _first(nodes, patience)
+    return list(_first(arms, DISCOVERY_SECONDS))
 
 
 def _joints(node: Any, arm: str, patience: float) -> list[str]:
@@ -147,8 +145,9 @@ def _refused(refused: dict[str, str], name: str, message: Any) -> None:
     refused.setdefault(name, f'{reason} ({kind})')
 
 
-def _first(look: Callable[[], Any], deadline: float) -> Any:
-    """Return what a look finds, at the deadline whatever it is."""
+def _first(look: Callable[[], Any], seconds: float) -> Any:
+    """Return what a look finds, after some seconds whatever it is."""
+    deadline = time.monotonic() + seconds
     while not (found := look()) and time.monotonic() < deadline:
         time.sleep(POLL_SECONDS)
     return found

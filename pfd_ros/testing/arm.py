@@ -311,9 +311,15 @@ class LockstepArm:
         self.pushes.append((self.time, wrench))
 
     def set(self, **values: Any) -> None:
-        """Change dynamic settings from the next step on; ValueError if one is invalid."""
-        _check_names(values)
-        self._demand(events.PARAMETERS, encode_changes(plain(values)))
+        """Change dynamic settings from the next step on, also of single joints, as at the start.
+
+        ValueError if one is invalid.
+        """
+        chosen, numbers = split_joints(values)
+        _check_names({**chosen, **numbers})
+        settings = with_joint_numbers(self.settings, self.robot, numbers)
+        chosen |= {field: getattr(settings, field) for field in numbers}
+        self._demand(events.PARAMETERS, encode_changes(plain(chosen)))
 
     def save(self) -> State:
         """Return a copy of the state of the arm, from which `restore` continues with equal bits.

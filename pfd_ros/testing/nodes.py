@@ -242,7 +242,7 @@ class NodeLink:
         self._nodes, self._processes = nodes, processes
         self._period, self._patience = math.inf, watch.patience
         settings = engine.state.settings
-        self._tick_ns = settings.clock_every * settings.step_ns
+        self._tick_ns, self._step_ns = settings.clock_every * settings.step_ns, settings.step_ns
         # Before the clients of peers: discovery keeps the order, so a peer that replies knows all.
         roles = topic_roles(settings).difference(INPUTS) | COMMANDS
         topics = chosen_topics(node, settings, described.topics)
@@ -537,7 +537,8 @@ class NodeLink:
             elif not timer.clock.ros_time_is_active:
                 self._note(f'{name} runs on wall time (set use_sim_time)')
             elif timer.timer_period_ns % self._tick_ns:
-                tick = f'the tick of {self._tick_ns / 1e6:g} ms (set clock_rate)'
+                remedy = 'step_size' if timer.timer_period_ns % self._step_ns else 'clock_rate'
+                tick = f'the tick of {self._tick_ns / 1e6:g} ms (set {remedy})'
                 self._note(f'{name} is no multiple of {tick}', 'uneven')
 
     def _note(self, text: str, kind: str = 'not repeatable') -> None:

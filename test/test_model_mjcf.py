@@ -25,10 +25,10 @@ OFFSETS = f"""
   <body name="base" pos="0.1 0 0.2" quat="0.9 0.1 0.3 0.2"><geom size="0.1" mass="1"/>
     <body name="one" pos="0 0.1 0.3" quat="0.8 0 0.4 0.1">
       <joint name="a_fixed" axis="0 1 0.2" pos="0.05 0.02 -0.03" damping="0.4" armature="0.2"
-        frictionloss="0.3" range="-2 1"/>
+        frictionloss="0.3" ref="0.4" range="-2 1"/>
       <inertial pos="0.1 0.02 0.3" quat="0.9 0.1 0.2 0.3" mass="2.5" diaginertia="0.1 0.2 0.15"/>
       <body name="two" pos="0.3 0 0">
-        <joint name="tool_fixed" type="slide" axis="1 0 0" armature="0.1"/>
+        <joint name="tool_fixed" type="slide" axis="1 0 0" ref="0.3" armature="0.1"/>
         <joint name="tip_site" axis="0 0 1" pos="0 0.1 0" armature="0.3"/>
         <joint name="d" axis="1 0 0" pos="0.1 0 0.2" damping="0.2" actuatorfrcrange="-4 4"/>
         <geom type="capsule" size="0.03" fromto="0 0 0 0.1 0.2 0.4" mass="1.2"/>
@@ -235,10 +235,12 @@ def test_bodies_that_float_beside_an_arm_are_no_part_of_it(tmp_path: Path) -> No
 @pytest.mark.usefixtures('expanded_here')
 def test_a_linear_equality_of_two_joints_is_a_mimic(tmp_path: Path) -> None:
     same = '<joint joint1="g" joint2="f" polycoef="0.1 -2 0 0 0"/>'
-    path = written(tmp_path, model_of(HAND, f'<equality>{same}</equality>'))
+    hand = HAND.replace('name="g" axis', 'name="g" ref="20" axis')
+    path = written(tmp_path, model_of(hand, f'<equality>{same}</equality>'))
     robot = pfd.load_robot(path, locked={'f': 0.3})
     assert robot.joint_names == ('arm',)
-    both = pfd.load_robot(path, locked={'f': 0.3, 'g': 0.1 - 2 * 0.3})
+    # Of displacements from the positions as written.
+    both = pfd.load_robot(path, locked={'f': 0.3, 'g': np.deg2rad(20) + 0.1 - 2 * 0.3})
     assert robot.digest == both.digest
 
 
@@ -271,7 +273,6 @@ def test_what_couples_joints_of_the_chain_is_refused_and_elsewhere_named(
     ('body', 'words'),
     [
         (ONE.format('a', 'type="ball"'), "'a' is a ball"),
-        (ONE.format('a', 'ref="20"'), "'a' has a `ref`"),
         (ONE.format('a', 'type="free"'), "joint 'a' is floating"),
         ('<body><geom type="mesh" mesh="none"/></body>', 'MuJoCo cannot compile'),
         (

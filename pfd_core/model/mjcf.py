@@ -281,13 +281,22 @@ def _urdf(mujoco: Any, model: Any) -> str:
                 name = unused(f'{bodies[i]}_{joints[j]}', taken)
                 add_link(root, name, (0.0, np.zeros(3), np.zeros((3, 3))))
             origin = R, here + R @ model.jnt_pos[j]
+            # The body is as written where the joint is at its `ref`, which a URDF lacks.
+            if model.jnt_type[j] == SLIDE:
+                origin = R, origin[1] - _ref(model, j) * (R @ model.jnt_axis[j])
+            elif model.jnt_type[j] == HINGE:
+                back = np.zeros(4)
+                mujoco.mju_axisAngle2Quat(back, model.jnt_axis[j], -_ref(model, j))
+                origin = R @ _rotation(mujoco, back), origin[1]
             joint = _add_joint(
                 root, model, j, joints[j], (link, name), origin, _effort(mujoco, model, j)
             )
             if j in follow:
+                leader = model.eq_obj2id[follow[j]]
                 offset, factor = model.eq_data[follow[j], :2]
+                offset += _ref(model, j) - factor * _ref(model, leader)
                 rule = all_written({'multiplier': factor, 'offset': offset})
-                _add(joint, 'mimic', {'joint': joints[model.eq_obj2id[follow[j]]], **rule})
+                _add(joint, 'mimic', {'joint': joints[leader], **rule})
             if j in coupled:
                 _add(joint, EQUALITY, name=coupled[j])
             link, R, here = name, np.eye(3), -model.jnt_pos[j]
@@ -327,11 +336,6 @@ def _add_joint(
             f'joint {quote(name)} is a ball, which is not supported: put three hinges there, or '
             'take it away, and its body is fixed'
         )
-    if model.qpos0[model.jnt_qposadr[j]]:
-        raise ValueError(
-            f'joint {quote(name)} has a `ref`, which a URDF lacks: take it away, and '
-            'turn the body by it'
-        )
     limited = bool(model.jnt_limited[j])
     turning = 'revolute' if limited else 'continuous'
     joint = add_connection(root, name, turning if kind == HINGE else 'prismatic', *links, origin)
@@ -346,6 +350,11 @@ def _add_joint(
     if model.dof_armature[dof]:
         add_rotor(root, name, model.dof_armature[dof])
     return joint
+
+
+def _ref(model: Any, j: int) -> float:
+    """Return the position of a joint at which its body is as written."""
+    return float(model.qpos0[model.jnt_qposadr[j]])
 
 
 def _forces(mujoco: Any, model: Any, k: int) -> Array:

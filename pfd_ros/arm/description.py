@@ -230,7 +230,8 @@ def load_robot(settings: Settings, source: str | pfd.Urdf) -> pfd.Robot:
         written = f"-p tip_link:={error.tip}, or -p 'locked:=[{','.join(names)}]'"
         if positions:
             written += f" -p 'locked_positions:=[{','.join(map(str, positions))}]'"
-        raise ValueError(f'{error}; of the node: write {written}') from error
+        cures = f'of a test: tip_link={error.tip!r}; of the node: write {written}'
+        raise ValueError(f'{error}; {cures}') from error
 
 
 def read_ros2_control(

@@ -280,6 +280,9 @@ def test_the_cure_for_a_tree_locks_joints_within_their_limits():
     with pytest.raises(ValueError, match='is a tree') as refused:
         described_robot(Settings(), tree)
     assert str(refused.value).endswith("-p 'locked:=[left,right,top]'")
+    ((name, value),) = re.findall(r"of a test: (\w+)='(\w+)'", str(refused.value))
+    with pytest.warns(pfd.PhysicsWarning, match='are locked'):
+        assert described_robot(Settings(**{name: value}), tree).robot.tip == value
     found = described_robot(Settings(locked=('left', 'right', 'top')), tree)
     assert found.robot.joint_names == ('turn',)
     assert found.settings.locks == {'left': 0.5, 'right': 0.5, 'top': 0.5}

@@ -350,9 +350,6 @@ def test_the_source_passes(command: tuple[str, ...]) -> None:
 
 
 TIMEOUT = 240.0
-COLCON = shutil.which(
-    'colcon', path=os.pathsep.join([str(Path(sys.executable).parent), os.environ['PATH']])
-)
 CORE = 'packaging/pfd-core'
 TEMPLATES = ROOT / 'pfd_ros/starter/templates'
 CLEAN = ('.git', '.venv', 'build', 'install', 'log', '__pycache__', '*.egg-info', '.*_cache')
@@ -473,21 +470,3 @@ def test_the_changelog_is_one_that_a_release_for_ros_reads() -> None:
     ((version, _, content),) = found.foreach_version()
     assert version == pfd.__version__
     assert 'pfd sim' in str(content[0])
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(COLCON is None, reason='colcon is not installed')
-def test_colcon_builds_a_node_that_runs(copy: Path) -> None:
-    workspace = copy.parent.parent
-    # A warning of setuptools on stderr is no failure; the exit status is.
-    run([str(COLCON), 'build'], workspace)
-    prefix = workspace / 'install' / 'pfd_ros'
-    for part in ('lib/pfd_ros/sim_node', 'lib/pfd_ros/pfd', 'share/pfd_ros/package.xml'):
-        assert (prefix / part).exists(), part
-    (packages,) = prefix.glob('lib/python*/site-packages')
-    stated = run(
-        [sys.executable, str(prefix / 'lib/pfd_ros/pfd'), 'robots'],
-        workspace,
-        PYTHONPATH=str(packages),
-    )
-    assert 'puma560' in stated

@@ -32,6 +32,7 @@ from pfd_ros.arm.settings import FIELDS
 from pfd_ros.cli.main import main as pfd_main
 from pfd_ros.testing import LockstepArm
 
+CLEAN = shutil.ignore_patterns('.git', '.venv', 'build', 'install', '*.egg-info', '.*_cache')
 ACTION = ROOT / '.github' / 'actions' / 'test-controller' / 'action.yml'
 # What ruff checks in a package.
 LINT = (
@@ -450,7 +451,7 @@ def test_the_steps_of_the_action_install_test_and_keep_pages(folder):
     source = shutil.copytree(
         ROOT,
         folder / 'source',
-        ignore=shutil.ignore_patterns('.git', '.venv', 'build', '.*_cache'),
+        ignore=CLEAN,
     )
     subprocess.run([sys.executable, '-m', 'venv', '--without-pip', folder / 'env'], check=True)
     (site,) = (folder / 'env').glob('lib/python*/site-packages')
@@ -490,34 +491,35 @@ def test_the_steps_of_the_action_install_test_and_keep_pages(folder):
 
 
 @pytest.mark.slow
-def test_colcon_builds_a_package(folder):
+def test_colcon_builds_a_package_and_pfd_ros_with_their_programs(folder):
     colcon = shutil.which('colcon', path=str(Path(sys.executable).parent))
     if colcon is None:
         pytest.skip('colcon is not installed')
     package = init('--urdf', 'arm.urdf', '--ros2-control')
-    source = folder / 'workspace' / 'src'
-    source.mkdir(parents=True)
-    package.rename(source / 'mine')
+    shutil.copytree(ROOT, folder / 'workspace/src/pfd_ros', ignore=CLEAN)
+    package.rename(folder / 'workspace/src/mine')
+    # A warning of setuptools on stderr is no failure; the exit status is.
     built = subprocess.run(
-        [colcon, 'build'], cwd=source.parent, capture_output=True, text=True, check=False
+        [colcon, 'build'], cwd=folder / 'workspace', capture_output=True, text=True, check=False
     )
     assert built.returncode == 0, built.stdout + built.stderr
-    prefix = source.parent / 'install' / 'mine'
-    (site,) = prefix.glob('lib/python*/site-packages')
+    mine, own = (folder / 'workspace/install' / name for name in ('mine', 'pfd_ros'))
+    sites = [next(prefix.glob('lib/python*/site-packages')) for prefix in (mine, own)]
     for path in (
-        *(prefix / 'lib/mine/mine', prefix / 'share/mine/launch/arm.launch.py'),
-        *(site / 'mine' / name for name in ('arm.urdf', 'arm.yaml', 'controllers.yaml')),
+        *(mine / 'lib/mine/mine', mine / 'share/mine/launch/arm.launch.py'),
+        *(sites[0] / 'mine' / name for name in ('arm.urdf', 'arm.yaml', 'controllers.yaml')),
+        *(own / name for name in ('lib/pfd_ros/sim_node', 'share/pfd_ros/package.xml')),
     ):
         assert path.is_file(), path
     code = 'import mine.law; print(mine.law.ROBOT.joint_names, mine.law.__file__)'
-    told = subprocess.check_output(
-        [sys.executable, '-c', code],
-        env={**os.environ, 'PYTHONPATH': f'{site}:{ROOT}'},
-        cwd=folder,
-        text=True,
-    )
-    assert told.startswith(str(gripper_arm.ARM))
-    assert str(site) in told
+    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(map(str, sites))}
+    for words, wanted in (
+        (['-c', code], f'{gripper_arm.ARM} {sites[0]}'),
+        ([own / 'lib/pfd_ros/pfd', 'robots'], 'panda'),
+    ):
+        command = [sys.executable, *words]
+        told = subprocess.check_output(command, env=environment, cwd=folder, text=True)
+        assert told.startswith(wanted)
 
 
 FOLDER = Path(__file__).resolve().parents[2] / 'launch'

@@ -17,7 +17,7 @@ from typing import Any
 import urllib.request
 
 from arm_messages import efforts, payload, placed, wrench
-from devtools import Page, needs_browser, red
+from devtools import needs_browser, red
 from logs import STATES, STRING, Row, joint_state, string, write_mcap
 import numpy as np
 import pytest
@@ -43,10 +43,7 @@ from pfd_ros.cli.main import parser as pfd_parser
 from pfd_ros.messages.joints import encode_joints
 from pfd_ros.messages.values import encode_numbers
 from pfd_ros.view.logged import ShownLog
-from pfd_ros.view.page import Player as ViewPlayer
-from pfd_ros.view.page import address as view_address
 from pfd_ros.view.page import export as export_view
-from pfd_ros.view.page import page as view_page
 
 # Logs.
 
@@ -405,49 +402,6 @@ def arm_of(pixels: np.ndarray) -> np.ndarray:
     """Return where a picture is magenta, lit or in the shade."""
     red, green, blue = np.moveaxis(pixels.astype(int), 2, 0)
     return (np.minimum(red, blue) - green > 60) & (np.abs(red - blue) < 60)
-
-
-def seen(shown: Page, other: np.ndarray | None = None) -> np.ndarray:
-    """Return where the arm is, once it is there, and elsewhere than in another picture."""
-    found = np.zeros(0)
-    shares: list[float] = []
-
-    def came() -> bool:
-        nonlocal found
-        found = arm_of(shown.pixels())
-        shares[:] = found.mean(), 1.0 if other is None else (found ^ other).mean()
-        return min(shares) > LEAST
-
-    told = 'parts that are magenta, and that moved'
-    wait_until(came, lambda: f'{told}: {shares}; {shown.console}', pause=0.2)
-    return found
-
-
-def height(arm: np.ndarray) -> float:
-    """Return the mean height of an arm in a picture, in pixels from the bottom."""
-    return arm.shape[0] - float(np.nonzero(arm)[0].mean())
-
-
-@pytest.mark.long
-@needs_browser
-def test_the_arm_of_a_log_is_in_the_page_and_moves_with_time_and_its_push_is_seen(pushed, browser):
-    with view_page(0, 'test') as server:
-        player = ViewPlayer(server.gui, pushed.time, pushed.fill(server))
-        player.advance(0.0)
-        with browser.shows(view_address(server), SIZE) as shown:
-            low = seen(shown)
-            assert red(shown.pixels()) < ARROW
-            player.seek(HANGING)
-            player.advance(0.0)
-            high = seen(shown, low)
-            wait_until(lambda: red(shown.pixels()) > ARROW, lambda: shown.console)
-            player.seek(2 * HANGING)
-            player.advance(0.0)
-            wait_until(lambda: red(shown.pixels()) < ARROW, lambda: shown.console)
-            text = shown.value('document.body.innerText')
-            assert text.count('State forward') == 1
-            assert 'Share' not in text
-    assert height(high) > height(low) + 0.05 * SIZE[1]
 
 
 @pytest.mark.slow

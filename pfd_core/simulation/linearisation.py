@@ -160,7 +160,9 @@ class LinearStep:
             # With one axis of arms, for one arm as well.
             for name, value in x.items():
                 size = value.shape[-1]
-                x[name] = np.broadcast_to(value, (*shape[:-1], size)).reshape(-1, size)
+                if value.shape[:-1] != shape[:-1]:
+                    value = np.broadcast_to(value, (*shape[:-1], size))
+                x[name] = value.reshape(-1, size)
             self._add_events(x, S.reshape(-1, *S.shape[-2:]), status.reshape(-1, n))
         A, B = S[..., :rows], S[..., rows : rows + n]
         if self._dtype == 'float32':
@@ -175,21 +177,25 @@ class LinearStep:
         """
         n = self._robot.n
         S[S[:, n, -1] > 0, :, :-2] = np.nan
+        happened = S[:, :n, -1] > 0
+        status[happened] = EVENT
         rests, lower, upper = resting = self._resting(x)
-        status[rests & (S[:, n : 2 * n, -2] == 0)] = HELD
-        hits = (lower & (x['qd'] < 0)) | (upper & (x['qd'] > 0))
-        status[hits | (S[:, :n, -1] > 0)] = EVENT
-        if any(flags.any() for flags in resting):
-            self._add_limits(x, S[..., -2], S[..., : S.shape[-2]], status, resting)
+        if not (rests | lower | upper).any():
+            return
+        status[rests & ~happened & (S[:, n : 2 * n, -2] == 0)] = HELD
+        status[(lower & (x['qd'] < 0)) | (upper & (x['qd'] > 0))] = EVENT
+        self._add_limits(x, S[..., -2], S[..., : S.shape[-2]], status, resting)
 
     def _resting(self, x: Mapping[str, Array]) -> tuple[Array, Array, Array]:
         """Return flags of the joints at rest that may be held, and at their lower, upper stops."""
         still, lower, upper = x['qd'] == 0, x['q'] <= self._low, x['q'] >= self._high
-        free = x['free'] > 0 if 'free' in x else np.True_
-        rests = free & still & (lower | upper | self._rough)
-        # A brake hands the momentum of its joint to the others.
-        rests |= still & ~free & rests.any(axis=-1, keepdims=True)
-        return rests, free & lower, free & upper
+        rests = still & (lower | upper | self._rough)
+        if 'free' in x:
+            free = x['free'] > 0
+            rests, lower, upper = free & rests, free & lower, free & upper
+            # A brake hands the momentum of its joint to the others.
+            rests |= still & ~free & rests.any(axis=-1, keepdims=True)
+        return rests, lower, upper
 
     def _add_limits(
         self,

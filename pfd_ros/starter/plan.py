@@ -8,6 +8,7 @@ obeys e'' + 2 w e' + w^2 e = (M^-1 d)_i, with its bandwidth w and the torques d 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 import warnings
 
@@ -78,24 +79,8 @@ def plan_of(arm: Arm) -> Plan:
     start = np.clip(given, lower, upper)
     reason = '' if (start == given).all() else 'moved a tenth of the range away from the limits'
     if load(start[None]).max() > GRAVITY_SHARE:
-        low = np.where(np.isfinite(lower), lower, np.minimum(0.0, upper) - 1.0)
-        high = np.where(np.isfinite(upper), upper, np.maximum(0.0, lower) + 1.0)
-        tried = np.random.default_rng(0).uniform(low, high, (POSTURES, robot.n))
-        loads = load(tried)
-        best = int(np.argmin(loads.max(axis=1)))
-        takes = f'in the best of {POSTURES} postures gravity takes {{:.3g}} of its effort limit'
-        if loads[best].max() > MOTION_SHARE:
-            text = (
-                f'cannot carry the arm: {takes}, expected {MOTION_SHARE:g} at most for the tests'
-            )
-            raise _refusal(robot, loads[best], text)
-        if loads[best].max() > GRAVITY_SHARE:
-            text = (
-                f'is nearly too weak: {takes}; the tests are made for {GRAVITY_SHARE:g} at most '
-            )
-            text += 'and may fail'
-            warnings.warn(_about(robot, loads[best], text), pfd.PhysicsWarning, stacklevel=2)
-        start, reason = tried[best], f'of {POSTURES} postures the one with least gravity torques'
+        start = _least_loaded(robot, lower, upper, load)
+        reason = f'of {POSTURES} postures the one with least gravity torques'
     start, end = _rounded(start), _rounded(goal(start))
     duration, path = _timed(robot, scene, start, end)
     inertia = pfd.compile_kernel(robot, quantity='inertia_matrix', scene=scene)(path)
@@ -114,10 +99,37 @@ def plan_of(arm: Arm) -> Plan:
     if (shift[free > 0] > free[free > 0]).any():
         text = (
             f'would reach its limits: with states at {1.0 / period:g} Hz friction and the loads '
+            'of the tests shift it by {:.3g} of its range; a higher rate or, for a gripper, a '
+            'fixed joint helps'
         )
-        text += 'of the tests shift it by {:.3g} of its range; a higher rate or, for a gripper, a '
-        raise _refusal(robot, shift / width, f'{text}fixed joint helps')
+        raise _refusal(robot, shift / width, text)
     return Plan(start, end, duration, bandwidth, reason)
+
+
+def _least_loaded(
+    robot: pfd.Robot,
+    lower: NDArray[Any],
+    upper: NDArray[Any],
+    load: Callable[[NDArray[Any]], NDArray[Any]],
+) -> NDArray[Any]:
+    """Return the random posture in which gravity takes the least share of an effort limit.
+
+    ValueError if it takes too much for a motion; a warning if more than the tests are made for.
+    """
+    low = np.where(np.isfinite(lower), lower, np.minimum(0.0, upper) - 1.0)
+    high = np.where(np.isfinite(upper), upper, np.maximum(0.0, lower) + 1.0)
+    tried = np.random.default_rng(0).uniform(low, high, (POSTURES, robot.n))
+    loads = load(tried)
+    best = int(np.argmin(loads.max(axis=1)))
+    takes = f'in the best of {POSTURES} postures gravity takes {{:.3g}} of its effort limit'
+    if loads[best].max() > MOTION_SHARE:
+        text = f'cannot carry the arm: {takes}, expected {MOTION_SHARE:g} at most for the tests'
+        raise _refusal(robot, loads[best], text)
+    if loads[best].max() > GRAVITY_SHARE:
+        made = f'the tests are made for {GRAVITY_SHARE:g} at most and may fail'
+        text = _about(robot, loads[best], f'is nearly too weak: {takes}; {made}')
+        warnings.warn(text, pfd.PhysicsWarning, stacklevel=3)
+    return np.asarray(tried[best])
 
 
 def _refusal(robot: pfd.Robot, shares: NDArray[Any], text: str) -> ValueError:

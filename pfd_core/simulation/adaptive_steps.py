@@ -84,7 +84,7 @@ def adaptive_frame(n: int, inputs: Mapping[str, int]) -> Frame:
     sizes |= {'rows': 1, 'law': 1, 'asked': 1 + 2 * n, 'tau': n} | dict(inputs)
     for name in dict.fromkeys([*WRITTEN, *sizes]):
         frame.place(name, sizes[name])
-    frame.split('dense', *_dense_rows())
+    frame.split('dense', *(f'dense{k}.{x}' for k in range(ROWS) for x in ('q', 'qd')))
     return frame
 
 
@@ -117,10 +117,6 @@ def _programs(law: Law, segment: Segment) -> dict[str, Program]:
     for name in (f'stage{segment.tableau.end}', 'commit', 'unfinished'):
         found.pop(name, None)
     return found
-
-
-def _dense_rows() -> list[str]:
-    return [f'dense{k}.{part}' for k in range(ROWS) for part in ('q', 'qd')]
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import signal
 import time
 from typing import Any
 
+from answering import DAMPING, STIFFNESS
 import numpy as np
 import pytest
 from ros_processes import (
@@ -32,6 +33,7 @@ from pfd_ros.messages.joints import decode_joints
 from pfd_ros.messages.values import decode_string
 from pfd_ros.recording.log import Log as RecordedLog
 from pfd_ros.replay.verify import verify as verify_log
+from pfd_ros.testing import LockstepArm
 
 ARM = ('robot:=planar2', 'recording:=arm.mcap', 'gravity:=[0.0, 0.0, 0.0]')
 START = ('initial_positions:=[0.3, -0.2]',)
@@ -220,24 +222,25 @@ def test_in_lockstep_an_answer_with_the_stamp_of_the_state_before_is_taken_in_th
     assert all(b'joint_commands stale' in data for data in rejected)
 
 
-def test_a_lockstep_run_has_the_same_bits_each_time(processes, peer_of):
-    runs = []
-    for name in ('a.mcap', 'b.mcap'):
-        arm = processes.arm(
-            *('robot:=planar2', f'recording:={name}', 'noise.position:=0.01'),
-            *(*START, *LOCKSTEP, 'wait_for_controller:=true'),
-        )
-        controller = processes.forked('answering')
-        peer = peer_of(processes)
-        peer.wait(lambda peer=peer: peer.states and stamp_ns(peer.states[-1]) > SECOND // 5)
-        controller.process.kill()
-        controller.process.wait()
-        assert arm.end(signal.SIGINT) == 0, arm.text()
-        path = processes.folder / name
-        assert verify_log(path).complete
-        runs.append([m.data for m in recorded(path, 'joint_states')][:200])
-    assert len(runs[0]) == 200
-    assert runs[0] == runs[1]
+def test_a_lockstep_run_has_the_bits_of_the_arm_in_tests(processes, peer_of):
+    arm = processes.arm(
+        *('robot:=planar2', 'recording:=a.mcap', 'noise.position:=0.01'),
+        *(*START, *LOCKSTEP, 'wait_for_controller:=true'),
+    )
+    controller = processes.forked('answering')
+    peer = peer_of(processes)
+    peer.wait(lambda: peer.states and stamp_ns(peer.states[-1]) > SECOND // 5)
+    controller.process.kill()
+    controller.process.wait()
+    assert arm.end(signal.SIGINT) == 0, arm.text()
+    paths = [processes.folder / name for name in ('a.mcap', 'b.mcap')]
+    assert verify_log(paths[0]).complete
+    settings = {'noise_position': 0.01, 'initial_positions': AT, 'torque_speed': False}
+    with LockstepArm('planar2', recording=paths[1], **settings) as same:
+        same.run(lambda t, q, qd: -STIFFNESS * q - DAMPING * qd, 0.2)
+    over_topics, here = ([m.data for m in recorded(x, 'joint_states')][:200] for x in paths)
+    assert len(here) == 200
+    assert over_topics == here
 
 
 class Leader:

@@ -454,7 +454,7 @@ def to_rows(code: Code, near: str, start: str, row: object, size: int) -> None:
 
 
 def declarations(dtype: str, widths: Collection[int], wrapped: bool) -> str:
-    """Return what functions of a module refer to; `widths` are those of all their registers."""
+    """Return the declarations for functions of a module with registers of some `widths`."""
     lines = [f'declare i64 @llvm.{name}.i64(i64, i64)' for name in ('umin', 'usub.sat')]
     for code in (Code('', dtype, width) for width in sorted(set(widths))):
         for name, operands in (('sqrt', 1), ('fma', 3)):

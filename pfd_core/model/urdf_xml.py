@@ -77,7 +77,7 @@ class Place(NamedTuple):
     line: int
 
     def __str__(self) -> str:
-        """Return it as the start of an error."""
+        """Return the place as the start of an error."""
         return repr(self.source)[1:-1] + (f', line {self.line}' if self.line else '')
 
     @property

@@ -121,7 +121,7 @@ class Recorded:
         return ~np.isin(found.place + 1, after)
 
     def accepted_times(self, role: str, words: Sequence[str] = ('',)) -> Array:
-        """Return their times on the page [s], (N,); of texts, those with one of the words."""
+        """Return the times of accepted messages [s], (N,); of texts with one of the words."""
         found = self.of_role(role)
         if found is None:
             return np.empty(0)

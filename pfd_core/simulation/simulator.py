@@ -40,7 +40,8 @@ class Simulator(Simulation):
     A robot in a scene, in time.
 
     Copies and pickles carry the state on with the same bits; the native code is compiled again,
-    or found on disk, where a pickle is opened.
+    or found on disk, where a pickle is opened. Calls from several threads at once lose steps: give
+    each thread a copy.
 
     Parameters
     ----------

@@ -152,7 +152,7 @@ class Engine(Arm):
         waited, verdict = state.waits, ACCEPTED
         try:
             if len(data) > LARGEST:
-                raise RefusedError('malformed', f'{len(data)} bytes, expected {LARGEST} at most')
+                raise RefusedError('malformed', f'more than {LARGEST} bytes')
             if not state.active and role in events.MOVING:
                 raise RefusedError(*events.INACTIVE)
             change, arguments = RULES[role](self, data)

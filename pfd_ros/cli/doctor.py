@@ -163,7 +163,7 @@ def dds() -> Iterator[Finding]:
         why = done.stdout if works else (done.stdout + done.stderr).strip().split('\n')[-1]
     except subprocess.TimeoutExpired as error:
         works, why = False, str(error)
-    text = why or f'no message within {DISCOVERY:g} s; is a firewall on?'
+    text = why or f'nothing within {DISCOVERY:g} s: firewall? ROS_AUTOMATIC_DISCOVERY_RANGE=OFF?'
     text = (
         f'message received by another process after {float(why.split()[-1]):.2f} s'
         if works

@@ -68,7 +68,7 @@ def stop_on_signals() -> Stop:
         # A reader of the output that is gone or hangs must not keep the process alive.
         with suppress(OSError):
             if select.select([], [2], [], 0.0)[1]:
-                os.write(2, b'ended by a third signal; a recording was not closed\n')
+                os.write(2, b'ended by a third signal; a recording may not be closed\n')
         os._exit(STATUS_BASE + number)
 
     threading.Thread(target=count, name='signals', daemon=True).start()

@@ -641,7 +641,7 @@ def test_commands_are_taken_or_rejected_with_a_reason_on_a_topic_and_in_the_log(
     for text in (
         *('ragged (6 names and', 'no_effort (expected', 'unknown joints in messages'),
         *('all_nan (NaN for', "have NaN for ['joint2']: the last command is kept"),
-        *('wrong_size (1000 numbers for 6 joints)', f'bytes, expected {LARGEST_INPUT} at most'),
+        *('wrong_size (1000 numbers for 6 joints)', f'(more than {LARGEST_INPUT} bytes)'),
     ):
         arm.process.wait_for_text(text)
     assert max(map(len, arm.process.text().splitlines())) < 700

@@ -43,6 +43,7 @@ from pfd_ros.arm.settings import (
     Settings,
     joint_order,
     joint_values,
+    with_joint_numbers,
 )
 from pfd_ros.messages.values import encode_string
 from pfd_ros.node.inbox import Changes
@@ -250,9 +251,9 @@ def setter(
 
     It returns success or the reason, and accepts parameters of rclpy, such as use_sim_time.
     """
-    places = {row.name: (row, -1) for row in _SINGLE}
+    places = {row.name: (row, '') for row in _SINGLE}
     for row in PER_JOINT:
-        places |= {f'{row.name}.{joint}': (row, k) for k, joint in enumerate(engine.names)}
+        places |= {f'{row.name}.{joint}': (row, joint) for joint in engine.names}
 
     def set_parameters(parameters: Sequence[Parameter]) -> SetParametersResult:
         given = [(one, *places[one.name]) for one in parameters if one.name in places]
@@ -262,7 +263,7 @@ def setter(
             reason = one_line(error)
         return SetParametersResult(successful=not reason, reason=reason)
 
-    def passed_on(given: Sequence[tuple[Parameter, Row, int]]) -> str:
+    def passed_on(given: Sequence[tuple[Parameter, Row, str]]) -> str:
         """Pass values on, and return why the arm refuses them, '' if it does not."""
         changes.settle(ANSWER_SECONDS)
         values = values_of(given)
@@ -278,19 +279,18 @@ def setter(
             return ''
         return '' if found.accepted else f'{found.label}: {found.detail}'
 
-    def values_of(given: Sequence[tuple[Parameter, Row, int]]) -> dict[str, Any]:
+    def values_of(given: Sequence[tuple[Parameter, Row, str]]) -> dict[str, Any]:
         """Return the new values by field."""
-        settings, values = engine.state.settings, dict[str, Any]()
-        for parameter, row, place in given:
+        values, numbers = dict[str, Any](), dict[str, dict[str, float]]()
+        for parameter, row, joint in given:
             if not row.dynamic:
                 raise ValueError(f'{listed([parameter.name])} cannot change until cleanup')
-            if place < 0:
-                values[row.field] = typed(row.name, _plain(parameter.value), row.type)
-            else:
-                before = joint_values(row, settings, engine.robot, engine.order.tolist())
-                joints = values.get(row.field, before)
+            if joint:
                 number = typed(parameter.name, parameter.value, 'float')
-                values[row.field] = (*joints[:place], number, *joints[place + 1 :])
-        return values
+                numbers.setdefault(row.field, {})[joint] = number
+            else:
+                values[row.field] = typed(row.name, _plain(parameter.value), row.type)
+        settings = with_joint_numbers(engine.state.settings, engine.robot, numbers)
+        return values | {field: getattr(settings, field) for field in numbers}
 
     return set_parameters

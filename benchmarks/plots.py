@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.run import show_progress
+
 BLACK, ORANGE, SKY, GREEN = '#000000', '#E69F00', '#56B4E9', '#009E73'
 BLUE, VERMILLION, PURPLE, GREY = '#0072B2', '#D55E00', '#CC79A7', '#7F7F7F'
 # Of this library by number format, and of other libraries: the same on all pages.
@@ -34,6 +36,7 @@ def panels(
     try:
         from matplotlib.figure import Figure
     except ImportError:
+        show_progress(f'{path} is not drawn: pip install matplotlib')
         return []
     figure = Figure(figsize=size, layout='constrained')
     found = figure.subplots(1, len(content), squeeze=False)[0]

@@ -50,7 +50,7 @@ from pfd_ros.testing.loop import (
 )
 from pfd_ros.testing.patience import PATIENCE_SECONDS, START_PATIENCE_SECONDS
 from pfd_ros.testing.process import check_words, plain
-from pfd_ros.testing.trajectory import Trajectory, numbers
+from pfd_ros.testing.trajectory import Trajectory, checked_numbers
 from pfd_ros.text import cut, did_you_mean
 
 # Numbers in published order, or by joint name.
@@ -234,7 +234,7 @@ class LockstepArm:
         allowed = checked_reasons(allow_rejected)
         if controller_period is not None:
             name, text = 'controller_period', 'one number above 0'
-            numbers(name, controller_period, ((),), text, lambda x: x > 0.0)
+            checked_numbers(name, controller_period, ((),), text, lambda x: x > 0.0)
         if not self.engine.roles:
             state, self.engine = self.engine.save(), self._new_engine(events.ALL)
             self.engine.restore(state)
@@ -305,7 +305,7 @@ class LockstepArm:
         ends them.
         """
         vectors = (('force', force), ('torque', torque))
-        halves = [numbers(name, x, ((3,),), '3 finite numbers') for name, x in vectors]
+        halves = [checked_numbers(name, x, ((3,),), '3 finite numbers') for name, x in vectors]
         wrench, frame = np.concatenate(halves).tolist(), frame or self.robot.tip
         self._demand(events.WRENCH, encode_numbers(WRENCH_STAMPED, 0, frame, wrench))
         self.pushes.append((self.time, wrench))
@@ -418,4 +418,4 @@ def _by_joint(names: Sequence[str], label: str, values: JointValues) -> Array:
         if unknown:
             raise ValueError(f'{label} names {unknown}, expected joints of {list(names)}')
         values = [values.get(joint, np.nan) for joint in names]
-    return numbers(label, values, ((len(names),),), f'({len(names)},) numbers', np.isreal)
+    return checked_numbers(label, values, ((len(names),),), f'({len(names)},) numbers', np.isreal)

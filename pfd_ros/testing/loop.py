@@ -28,7 +28,7 @@ from pfd_ros.messages.joints import JOINT_FIELDS, decode_joints
 from pfd_ros.messages.values import encode_floats
 from pfd_ros.motion.metrics import Array
 from pfd_ros.testing.patience import BlockedError, Watch
-from pfd_ros.testing.trajectory import Limits, Trajectory, numbers
+from pfd_ros.testing.trajectory import Limits, Trajectory, checked_numbers
 from pfd_ros.text import did_you_mean, listed, one_line
 
 # The role and the bytes of a message.
@@ -90,7 +90,9 @@ def run(arm: Any, link: Link, seconds: float, allowed: Collection[str] = ()) -> 
     `allowed` has reasons for which commands may be rejected. Errors are those of the arm and of
     the link; ValueError unless the seconds are finite and above zero.
     """
-    numbers('seconds', seconds, ((),), 'one finite number above 0', lambda x: 0.0 < x < math.inf)
+    checked_numbers(
+        'seconds', seconds, ((),), 'one finite number above 0', lambda x: 0.0 < x < math.inf
+    )
     engine, silent = arm.engine, link.silent
     settings = engine.state.settings
     every = settings.publish_every

@@ -17,7 +17,7 @@ import traceback
 from types import FrameType
 from typing import Any
 
-from pfd_ros.testing.trajectory import numbers
+from pfd_ros.testing.trajectory import checked_numbers
 
 # Longest time for the answer to a message, and until a controller of another process is found, s
 # of wall time, by default.
@@ -52,7 +52,7 @@ class Watch:
     __slots__ = ('_before', '_blocked', '_ended', '_wake', 'patience', 'since', 'stack')
 
     def __init__(self, patience: float, wake: Callable[[], object] = lambda: None) -> None:
-        numbers('patience', patience, ((),), 'one number above 0', lambda x: x > 0.0)
+        checked_numbers('patience', patience, ((),), 'one number above 0', lambda x: x > 0.0)
         self.patience, self._wake = patience, wake
         self.since = self._blocked = 0.0
         self.stack = ''

@@ -423,7 +423,7 @@ class Trajectory:
         shape = (len(self.names),)
         text = f'one number or {shape}, one for each of {list(self.names)}, and none NaN'
         return np.broadcast_to(
-            numbers(name, value, ((), shape), text, lambda x: ~np.isnan(x)), shape
+            checked_numbers(name, value, ((), shape), text, lambda x: ~np.isnan(x)), shape
         )
 
     def _rows(self, name: str, value: Reference, columns: int) -> Array:
@@ -432,10 +432,10 @@ class Trajectory:
         shape = len(self.time), columns
         text = f'finite numbers in {shape}, ({columns},) or a function of the time that '
         text += 'returns them'
-        return np.broadcast_to(numbers(name, rows, ((), (columns,), shape), text), shape)
+        return np.broadcast_to(checked_numbers(name, rows, ((), (columns,), shape), text), shape)
 
 
-def numbers(
+def checked_numbers(
     name: str,
     value: Any,
     shapes: Collection[tuple[int, ...]],
@@ -456,4 +456,4 @@ def numbers(
 def _check_bounds(**bounds: float) -> None:
     """Raise ValueError for a bound of an assertion that is not a number or is negative."""
     for name, value in bounds.items():
-        numbers(name, value, ((),), 'one number, 0 or above', lambda x: x >= 0.0)
+        checked_numbers(name, value, ((),), 'one number, 0 or above', lambda x: x >= 0.0)

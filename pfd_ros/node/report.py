@@ -201,7 +201,7 @@ def report_arm(report: Report, stepper: Stepper, endpoints: Endpoints) -> None:
     silent = int(time.monotonic() - since) if engine.awaited == NO_CLOCK else 0
     if silent >= LOST_CLOCK_SECONDS and not report.closing:
         topic = endpoints.topic(events.CLOCK_TICKS)
-        text = f'no {topic} for {silent} s: simulation paused until it is received again'
+        text = f'no new time on {topic} for {silent} s: simulation paused until one is received'
         report.lasting('lost clock', text)
     speed = speed_of(engine)
     if speed is not None:

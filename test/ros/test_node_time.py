@@ -301,7 +301,7 @@ def test_an_arm_follows_a_clock_forwards_only_and_logs_its_loss(processes, peer_
     reaches(start + 200 * MILLISECOND)
     assert (np.diff(stamps(peer.states)) > 0).all()
     assert set(np.diff(stamps(peer.states)) % (2 * MILLISECOND)) == {0}
-    arm.wait_for_text(' s: simulation paused until it is received again')
+    arm.wait_for_text(' s: simulation paused until one is received')
     arm.stop()
     path = processes.folder / 'arm.mcap'
     assert verify_log(path).complete
@@ -328,7 +328,7 @@ def test_two_arms_on_one_clock_have_the_same_stamps_and_separate_commands(proces
     peers[1].let_pass(200)
     # Its clock ends, and it stands at a time that the leader has reached.
     assert leader.end(signal.SIGINT) == 0, leader.text()
-    follower.wait_for_text('simulation paused until it is received again')
+    follower.wait_for_text('simulation paused until one is received')
     assert follower.end(signal.SIGINT) == 0, follower.text()
     found = {}
     for name in ('left', 'right'):

@@ -213,7 +213,8 @@ def _listed(folder: Path) -> list[Path]:
         if isinstance(info, dict) and info.get('compression_format'):
             packed = cut(str(info['compression_format']))
             raise ValueError(
-                f'the bag is compressed by rosbag2 ({packed}): unpack it with `ros2 bag convert`'
+                f'the bag is compressed by rosbag2 ({packed}): unpack it with '
+                '`rosbags-convert --src FOLDER --dst NEW`'
             )
         if not isinstance(names, list) or not all(isinstance(x, str) for x in names):
             raise ValueError('relative_file_paths is not a list of names')

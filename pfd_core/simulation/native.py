@@ -298,19 +298,12 @@ class EventWriter:
         """Write velocities after the compression of an impact, to arrays with a suffix."""
         own = {x: f'{x}{suffix}' for x in ('x', 'load', 'candidate', 'moving')}
         own |= {'torque': 'torque.impact'}
-
-        def solve() -> None:
-            arrays = {'tau': own['load'], 'free': own['moving']}
-            s.evaluate(own['x'], 'inertial', qd='zero', **arrays)
-
         s.evaluate(own['load'], 'momentum', qd='zero', qdd='qd')
         s.run('compression', hits=hits, **own)
-        solve()
         with s.while_any('busy', box.PIVOTS * self.law.n):
+            s.evaluate(own['x'], 'inertial', qd='zero', tau=own['load'], free=own['moving'])
             s.evaluate(own['torque'], 'momentum', qd='zero', qdd=own['x'])
             self._pivot(s, **own)
-            with s.when_any('busy'):
-                solve()
 
     def _impact(self) -> Script:
         s = self._script('impact')

@@ -99,8 +99,9 @@ def plan_of(arm: Arm) -> Plan:
     if (shift[free > 0] > free[free > 0]).any():
         text = (
             f'would reach its limits: with states at {1.0 / period:g} Hz friction and the loads '
-            'of the tests shift it by {:.3g} of its range; a higher rate or, for a gripper, a '
-            'fixed joint helps'
+            'of the tests shift it by {:.3g} of its range; '
+            + 'a higher rate or, ' * (delayed < HIGHEST_BANDWIDTH)
+            + 'for a gripper, a fixed joint helps'
         )
         raise _refusal(robot, shift / width, text)
     return Plan(start, end, duration, bandwidth, reason)

@@ -143,8 +143,9 @@ class ShownLog:
         """Return the joint states to show."""
         known = {t: x.names for t, x in log.of_type(JOINT_STATE).items()}
         if topic is None and not known:
-            why = [why for t in log if (why := log.obstacle(t))]
-            raise ValueError('; '.join(why) or f'{log.path} has no messages of {JOINT_STATE}')
+            raise ValueError(
+                '; '.join(log.lost(log)) or f'{log.path} has no messages of {JOINT_STATE}'
+            )
         joints = self.urdf.joints
         named = [t for t in known if t.rpartition('/')[2] == STATES] or [*known]
         chosen = topic or max(named, key=lambda t: len({*known[t]} & joints.keys()))

@@ -140,13 +140,10 @@ class _Machine:
         op, args, data, active, _ = instruction
         meaning = self.meanings.get(op)
         if meaning is not None:
-            operands = [self.registers[a] for a in args]
-            lanes = len(operands[0])
-            if active == (1 << lanes) - 1:
-                return meaning(*operands)
-            on = [lane for lane in range(lanes) if active >> lane & 1]
-            row = np.zeros_like(operands[0])
-            row[on] = meaning(*(operand[on] for operand in operands))
+            # Lanes that are switched off compute too, which costs less than to choose the others.
+            row, lanes = meaning(*(self.registers[a] for a in args)), self.program.lanes
+            if active != (1 << lanes) - 1:
+                row[[lane for lane in range(lanes) if not active >> lane & 1]] = 0
             return row
         number = self.arithmetic.number
         zero = number(0.0)

@@ -115,14 +115,13 @@ def assigned(wishes: Sequence[Sequence[int]], n: int) -> list[int]:
     """Return one of n lanes for each item: its first wish if that is free, its next, or any."""
     chosen: dict[int, int] = {}
     free = dict.fromkeys(range(n))
-    for wanted in (*zip(*wishes, strict=True), None):
-        for item in range(len(wishes)):
-            if item not in chosen:
-                lane = next(iter(free)) if wanted is None else wanted[item]
-                if lane in free:
-                    chosen[item] = lane
-                    del free[lane]
-    return [chosen[item] for item in range(len(wishes))]
+    for wanted in zip(*wishes, strict=True):
+        for item, lane in enumerate(wanted):
+            if item not in chosen and lane in free:
+                chosen[item] = lane
+                del free[lane]
+    left = iter(free)
+    return [chosen[item] if item in chosen else next(left) for item in range(len(wishes))]
 
 
 def packed(

@@ -53,7 +53,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from heapq import nsmallest
+from heapq import heapify, heappop, heappush
 from itertools import pairwise
 import math
 from operator import mul
@@ -156,15 +156,17 @@ def _or_infinite(pivot: Lanes, free: Lanes | None, j: int) -> Lanes:
 
 def _longest_first(done: dict[Element, int], m: int, n: int) -> Iterator[Products]:
     """Take products of the n elements for which most are waiting."""
-
-    def waiting(e: Element) -> int:
-        return min(m, e[1]) - done[e]
-
-    while any(waiting(e) for e in done if e[1] == m):
-        some = (e for e in done if waiting(e))
-        step = nsmallest(n, some, key=lambda e: (-waiting(e), e[1], e[0]))
-        yield [(e, done[e]) for e in step]
-        done.update((e, done[e] + 1) for e in step)
+    next_column = [e for e in done if e[1] == m]
+    # Less the number of waiting products, column and row: a heap has the first ones first.
+    heap = [(-w, i, k) for (k, i), got in done.items() if (w := min(m, i) - got)]
+    heapify(heap)
+    while any(done[e] < m for e in next_column):
+        step = [heappop(heap) for _ in range(min(n, len(heap)))]
+        yield [((k, i), done[k, i]) for _, i, k in step]
+        for less, i, k in step:
+            done[k, i] += 1
+            if less < -1:
+                heappush(heap, (less + 1, i, k))
 
 
 def _by_columns(done: dict[Element, int], m: int, n: int) -> Iterator[Products]:

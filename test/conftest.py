@@ -11,7 +11,6 @@ import gc
 from importlib import import_module
 import io
 import json
-import marshal
 import os
 from pathlib import Path
 import sys
@@ -75,8 +74,6 @@ def pytest_configure(config: pytest.Config) -> None:
     storage = tempfile.TemporaryDirectory(prefix='hypothesis-')
     config.add_cleanup(storage.cleanup)
     os.environ.setdefault('HYPOTHESIS_STORAGE_DIRECTORY', storage.name)
-    with suppress(ImportError, AttributeError):
-        _share_rewriting(config)
     # The processes that tests start import modules of this folder too.
     path = os.environ.get('PYTHONPATH', '').split(os.pathsep)
     if TESTS not in path:
@@ -90,31 +87,6 @@ def pytest_configure(config: pytest.Config) -> None:
         native.current()
     except ValueError as error:
         raise pytest.UsageError(str(error)) from None
-
-
-def _share_rewriting(config: pytest.Config) -> None:
-    """Let workers read the asserts that another rewrote: half the time of their collection.
-
-    No setting of pytest does that, and a fresh copy of the sources has nothing to read.
-    """
-    from _pytest.assertion import rewrite
-
-    inner, where = rewrite._rewrite_test, Path(os.environ['HYPOTHESIS_STORAGE_DIRECTORY'])
-
-    def rewritten(path: Path, config: pytest.Config) -> tuple[os.stat_result, Any]:
-        stat = path.stat()
-        stored = where / f'{stat.st_ino}-{stat.st_mtime_ns}'
-        if not stored.exists():
-            part = where / f'{stored.name}-{os.getpid()}'
-            part.write_bytes(marshal.dumps(inner(path, config)[1]))
-            part.rename(stored)
-        return stat, marshal.loads(stored.read_bytes())
-
-    rewrite._rewrite_test = rewritten
-    if (worker := getattr(config, 'workerinput', None)) is not None:
-        paths = sorted(Path(TESTS).rglob('test_*.py')) if config.args == ['test'] else []
-        for path in paths[int(worker['workerid'].removeprefix('gw')) :: worker['workercount']]:
-            rewritten(path, config)
 
 
 @pytest.hookimpl(optionalhook=True)

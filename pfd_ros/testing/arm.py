@@ -315,11 +315,11 @@ class LockstepArm:
 
         ValueError if one is invalid.
         """
-        chosen, numbers = split_joints(values)
+        chosen, numbers = split_joints(plain(values))
         _check_names({**chosen, **numbers})
         settings = with_joint_numbers(self.settings, self.robot, numbers)
         chosen |= {field: getattr(settings, field) for field in numbers}
-        self._demand(events.PARAMETERS, encode_changes(plain(chosen)))
+        self._demand(events.PARAMETERS, encode_changes(chosen))
 
     def save(self) -> State:
         """Return a copy of the state of the arm, from which `restore` continues with equal bits.
@@ -371,14 +371,13 @@ class LockstepArm:
 
 def _described(robot: Any, given: Mapping[str, Any]) -> DescribedRobot:
     """Return robot and settings of an arm in tests: the first stamp is one step above zero."""
-    chosen, numbers = split_joints(given)
+    chosen, numbers = split_joints(plain(given))
     _check_names({**chosen, **numbers})
     for name, value in FIXED.items():
         if chosen.get(name, value) != value:
             raise ValueError(f'{name} is {chosen[name]!r}, expected {value!r} in tests')
     name = robot.name if isinstance(robot, pfd.Robot) else os.fspath(robot)
-    values = {field: plain(value) for field, value in chosen.items()}
-    settings = Settings.from_values({**values, **FIXED, 'robot': name})
+    settings = Settings.from_values({**chosen, **FIXED, 'robot': name})
     if 'start_time' not in chosen:
         # Zero means 'no time' to ROS.
         settings = replace(settings, start_time=settings.step_size)

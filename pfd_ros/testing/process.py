@@ -177,6 +177,8 @@ def plain(value: Any) -> Any:
         return os.fspath(value)
     if isinstance(value, Mapping):
         return {joint: plain(number) for joint, number in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(number) for number in value]
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 

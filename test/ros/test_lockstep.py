@@ -537,7 +537,7 @@ def test_a_refused_push_is_no_push_and_settings_are_those_in_use():
     arm.reset()
     assert arm.pushes == [(START, [1.0, 2.0, 3.0, 0.0, 0.0, 0.0]), (START, ())]
     assert arm.settings.integrator == 'rk4'
-    arm.set(noise_position=0.5, **{'servo_p.elbow_joint': 2.0})
+    arm.set(noise_position=0.5, **{'servo_p.elbow_joint': np.float32(2.0)})
     assert arm.settings.noise_position == 0.5
     assert arm.settings.servo_p == (0.0, 0.0, 2.0, 0.0, 0.0, 0.0)
 

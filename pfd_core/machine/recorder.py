@@ -89,6 +89,8 @@ class Lanes:
         other = right if left is self else left
         if isinstance(other, np.ndarray):
             return NotImplemented  # NumPy then does it element by element
+        if isinstance(other, Lanes):
+            return self.recorder.apply(op, left, right)
         if other == 0.0:
             if op == 'add' or (op == 'sub' and other is right):
                 return self
@@ -206,13 +208,12 @@ class Recorder:
 
     def route(self, value: Lanes, sources: Sequence[int | None], fill: Lanes | None) -> Lanes:
         """Return lane i of `value[sources[i]]`, or of `fill` where there is no such value."""
-        taken = [
-            source if source is not None and value.defined >> source & 1 else None
-            for source in sources
-        ]
-        defined = sum(1 << i for i, source in enumerate(taken) if source is not None)
-        if fill is not None:
-            defined |= fill.defined
+        taken, defined = [*sources], 0 if fill is None else fill.defined
+        for i, source in enumerate(sources):
+            if source is not None and value.defined >> source & 1:
+                defined |= 1 << i
+            else:
+                taken[i] = None
         if self.parallel:
             own = value if fill is None else fill
             args = (value.registers[0], own.registers[0])

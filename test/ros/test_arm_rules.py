@@ -29,6 +29,7 @@ from arm_messages import (
     verdict,
     wrench,
 )
+import gripper_arm
 import numpy as np
 import pytest
 
@@ -387,13 +388,13 @@ def test_a_state_of_joint_states_is_sent_back_as_it_came():
 
 def test_a_jump_outside_the_stops_is_accepted_and_remarked():
     for stops, outside in ((True, True), (False, False)):
-        engine = made(robot='puma560', joint_limits=stops)
-        found = verdict(engine, placed([A], [3.0]))
+        engine = made(robot=gripper_arm.urdf(), locked=('finger',), joint_limits=stops)
+        found = verdict(engine, placed(['shoulder'], [3.5]))
         assert found.accepted
         assert [remark.label for remark in found.remarks] == ['outside_stops'] * outside
-        assert not outside or "'joint1' is at 3, its stops at -2.79" in found.detail
-        assert state(engine).position[0] == 3.0
-        assert not verdict(engine, placed([A], [2.0])).remarks
+        assert not outside or "'shoulder' is at 3.5, its stops at -3" in found.detail
+        assert state(engine).position[0] == 3.5
+        assert not verdict(engine, placed(['shoulder'], [2.0])).remarks
 
 
 def test_a_jump_of_some_joints_of_an_arm_that_has_run_away_is_refused():

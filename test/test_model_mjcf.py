@@ -251,6 +251,7 @@ def test_a_linear_equality_of_two_joints_is_a_mimic(tmp_path: Path) -> None:
         ('<joint name="same" joint1="arm"/>', 'f', "joint 'same'"),
         ('<connect body1="f" body2="g" anchor="0 0 1"/>', 'f', "joint 'f'.*connect 'equality0'"),
         ('<connect body1="f" body2="g" anchor="0 0 1"/>', 'arm', ''),
+        ('<connect body1="f" body2="g" anchor="0 0 1"/>', '', "joint 'f'.*connect"),
         ('<connect site1="s" site2="t"/>', 'f', "joint 'arm' .*connect 'equality0'"),
         ('<weld body1="f"/>', 'arm', "joint 'arm' .*weld 'equality0'"),
         ('<weld body1="f" body2="led"/><weld body1="f" active="false"/>', 'f', ''),
@@ -263,10 +264,10 @@ def test_what_couples_joints_of_the_chain_is_refused_and_elsewhere_named(
     body = HAND.replace('<joint name="f"', '<site name="t"/><joint name="f"')
     body += '<body name="led" mocap="true"/><site name="s" pos="0 0 1"/>'
     path = written(tmp_path, model_of(body, f'<equality>{equality}</equality>'))
-    at = {'f': 0.0, 'g': 0.0} if chain == 'arm' else {'g': 0.0}
+    at = {'arm': {'f': 0.0, 'g': 0.0}, 'f': {'g': 0.0}, '': {'arm': 0.0}}[chain]
     refused = pytest.raises(ValueError, match=words) if words else nullcontext()
     with pytest.warns(pfd.PhysicsWarning, match='robot.* equality constraints$'), refused:
-        pfd.load_robot(path, tip=chain, locked=at)
+        pfd.load_robot(path, tip=chain or None, locked=at)
 
 
 @pytest.mark.parametrize(

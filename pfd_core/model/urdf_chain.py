@@ -262,6 +262,8 @@ def _advised_tip(urdf: Urdf, ends: list[Joint], movers: Mapping[str, Joint]) -> 
         return [joint for joint in kept if joint.name not in leaders]
 
     most = max(len(own(way)) for way in every)
+    if not most:
+        return ends[0].child  # it is refused, with the reason
     first, *others = (way for way in every if len(own(way)) == most)
     names = {joint.name for joint in first}
     led = [w for w in every if any(leaders.get(j.name) in names and j not in first for j in w)]

@@ -396,8 +396,9 @@ def test_a_package_that_is_not_found_is_named_with_the_file_that_names_it(tmp_pa
     (tmp_path / 'masses').mkdir()
     (tmp_path / 'masses' / 'package.xml').write_text('masses')
     inner = re.escape(str(tmp_path / 'macros_folder/urdf/macros.xacro'))
-    with pytest.raises(ValueError, match=rf"package 'masses' is not found: .*{inner}"):
+    with pytest.raises(ValueError, match=rf"package 'masses' is not found: .*{inner}") as lost:
         pfd.load_robot(path)
+    assert str(lost.value).count('is not found') == 1
 
 
 # ---- robots by name whose links are in another package ----

@@ -127,7 +127,8 @@ def answer(path: str, given: str) -> None:
         cause: Any = error
         while getattr(cause, 'exc', None) is not None:
             cause = cause.exc
-        reason = f'{type(cause).__name__}: {error}'
+        # xacro prints what `find` raises twice.
+        reason = str(cause) if type(cause) is LookupError else f'{type(cause).__name__}: {error}'
         if isinstance(cause, no_value):
             name, default = str(cause), arguments.known.get(str(cause)) or 'VALUE'
             reason = (

@@ -295,7 +295,9 @@ def test_ne1_of_a_single_link_has_no_velocity_before_it() -> None:
     assert arithmetic(program.count(section='newton_euler')) == (81, 62, 0, 0)
 
 
-def test_an_unknown_section_is_an_error() -> None:
+def test_an_unknown_section_and_more_iterations_than_the_loop_allows_are_errors() -> None:
+    with pytest.raises(ValueError, match='iterations must be at most 3, got 4'):
+        FORWARD_METHODS['pcgm_1987'](resolve_plant(chain(3)), 'parallel').count(iterations=4)
     program = FORWARD_METHODS['pcrbm'](resolve_plant(chain(3)), 'parallel')
     with pytest.raises(ValueError, match=r"section must be one of .*'row sweep'.* got 'row swep'"):
         program.count(section='row swep')

@@ -118,7 +118,7 @@ class Program:
         section : str, optional
             Count only this part of the program, a section of some instruction.
         iterations : int
-            Number of runs of the repeated part, if there is one.
+            Number of runs of the repeated part, if there is one; at most those that it allows.
 
         Raises
         ------
@@ -155,6 +155,8 @@ def runs(program: Program, iterations: int = 1) -> Iterator[tuple[Instruction, i
     for instruction in program.instructions:
         if instruction.op == 'loop':
             times, at_most = iterations, instruction.data
+            if times > at_most:
+                raise ValueError(f'iterations must be at most {at_most}, got {times}')
         elif instruction.op == 'leave':
             times = min(times, at_most - 1)
         elif instruction.op == 'end':

@@ -29,7 +29,6 @@ from ros_processes import (
     description_publisher,
     qos,
     stamp_ns,
-    trigger,
 )
 
 import pfd_core as pfd
@@ -663,13 +662,3 @@ def test_a_trajectory_of_efforts_moves_the_arm_from_point_to_point(arm):
     peer.wait(lambda: peer.states[-1].effort.tolist() == [0.2525] * 6)
     efforts = np.array([state.effort[0] for state in peer.states])
     assert ((efforts > 0.3) & (efforts < 0.95)).any()
-
-
-def test_a_joint_without_a_command_is_braked_and_a_reset_brakes_all(arm):
-
-    peer = arm.peer
-    assert trigger(peer, 'reset').success
-    peer.wait(lambda: not any(peer.states[-1].position))
-    peer.command(['joint3'], [3.0])
-    peer.wait(lambda: peer.states[-1].effort.tolist() == [0, 0, 3.0, 0, 0, 0])
-    assert [bool(v) for v in peer.states[-1].velocity] == [k == 2 for k in range(6)]

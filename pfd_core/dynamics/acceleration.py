@@ -33,7 +33,7 @@ Cost: the product X D takes 2 n^3 multiplications, factors and X n^3 / 2 and all
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -106,7 +106,11 @@ def record_derivatives(
     else:
         answer = record_answer(plant, method, refine, dtype)
         qdd = inline(recorder, answer, {})['qdd']
-    by_q = by_positions(moving, qd, qdd, _minus_inertia(recorder, plant, torques, qdd))
+    known = None  # the torques left for the links, unless brakes or followers give some of them
+    if not (plant.brakes or plant.robot.followers):
+        own = rotors(recorder, plant)
+        known = [t - rotor * a for t, rotor, a in zip(torques, own, qdd, strict=True)]
+    by_q = by_positions(moving, qd, qdd, known)
     with recorder.section('joints and drives'):
         links = {'q': reduced(plant.robot, by_q), 'qd': reduced(plant.robot, by_qd)}
         D = _with_joints_and_drives(links, joints, motors)
@@ -118,16 +122,6 @@ def record_derivatives(
         if by_tau != [recorder.constant(1.0)] * n:
             results['T'] = by_tau
     return recorder.program(**results)
-
-
-def _minus_inertia(
-    recorder: Recorder, plant: Plant, torques: Sequence[Lanes], qdd: Sequence[Lanes]
-) -> list[Lanes] | None:
-    """Return the torques left for the links; None if brakes or followers give some of them."""
-    if plant.brakes or plant.robot.followers:
-        return None
-    own = rotors(recorder, plant)
-    return [t - rotor * a for t, rotor, a in zip(torques, own, qdd, strict=True)]
 
 
 def _with_derivatives(torques: Program) -> Program:
@@ -180,7 +174,8 @@ def inverse_inertia(
     def solve(y: Sequence[Lanes]) -> list[Lanes]:
         return solution(factors, y) if by_columns is None else by_columns(y)['qdd']
 
-    found = [symmetric([solve(unit) for unit in units]) if by_columns else _by_factors(factors)]
+    first = [solve(unit) for unit in units] if by_columns else _by_factors(recorder, factors)
+    found = [symmetric(first)]
     for _ in range(steps):
         residual, columns = record_residual(still), []
         for unit, x in zip(units, found[-1], strict=True):
@@ -191,24 +186,17 @@ def inverse_inertia(
     return found
 
 
-def _by_factors(factors: Factors) -> Matrix:
+def _by_factors(recorder: Recorder, factors: Factors) -> Matrix:
     """Return H^-1, row after row of L X = D^-1 L'^-1, whose right side is triangular."""
     X: Matrix = []
     for L, diagonal in zip(factors.L, factors.inverses, strict=True):
         row: list[Lanes] = []
         for j in range(len(L)):
-            column = (X[max(j, k)][min(j, k)] for k in range(len(L)))
-            row.append(-fused_product(L, column))
+            total = L[0] * X[j][0]
+            for k in range(1, len(L)):
+                total = recorder.apply('fma', L[k], X[max(j, k)][min(j, k)], total)
+            row.append(-total)
         for factor, x in zip(L, row, strict=True):
             diagonal = diagonal - factor * x
         X.append([*row, diagonal])
-    return symmetric(X)
-
-
-def fused_product(row: Iterable[Lanes], column: Iterable[Lanes]) -> Lanes:
-    """Return the sum of products in their order, each fused with the sum of those before."""
-    total: Lanes | None = None
-    for x, d in zip(row, column, strict=True):
-        total = x * d if total is None else x.recorder.apply('fma', x, d, total)
-    assert total is not None
-    return total
+    return X

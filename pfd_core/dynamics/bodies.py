@@ -63,8 +63,7 @@ def payload_numbers(robot: Robot, payload: Payload | None) -> Array:
     """Return the input for a payload of a robot, None for no payload; read-only."""
     if payload is not None and not isinstance(payload, Payload):
         raise ValueError(f'payload must be a Payload or None, got {quote(payload)}')
-    numbers: Array = _payload_numbers(robot, payload)
-    return numbers
+    return _payload_numbers(robot, payload)
 
 
 def payload_inputs(

@@ -124,7 +124,8 @@ def _limited(tau: Lanes, qd: Lanes, tables: Sequence[Array]) -> Lanes:
     limited = tau
     if constant:
         most = _on_lanes(tables, constant)[0, 1]
-        limited = merge(_clamped(on(tau, constant), most, most), limited)
+        top = tau.recorder.constant(most)
+        limited = merge(_clamped(on(tau, constant), most, top), limited)
     if falling:
         at = (on(tau, falling), on(qd, falling))
         limited = merge(_within(*at, _on_lanes(tables, falling)), limited)
@@ -142,12 +143,10 @@ def _on_lanes(tables: Sequence[Array], lanes: Sequence[int]) -> Array:
     return result
 
 
-def _clamped(t: Lanes, lower: Array, upper: Lanes | Array) -> Lanes:
+def _clamped(t: Lanes, lower: Array, upper: Lanes) -> Lanes:
     """Return t within [-lower, upper]."""
-    recorder = t.recorder
-    top = upper if isinstance(upper, Lanes) else recorder.constant(upper)
-    bottom = recorder.constant(-lower)
-    t = where(t - top, top, t)
+    bottom = t.recorder.constant(-lower)
+    t = where(t - upper, upper, t)
     result: Lanes = where(bottom - t, bottom, t)
     return result
 

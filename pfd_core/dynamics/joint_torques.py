@@ -36,19 +36,26 @@ from pfd_core.model.plant import Plant
 
 
 def plus_joint_torques(
-    plant: Plant, tau: Sequence[Lanes], qd: Sequence[Lanes], qdd: Sequence[Lanes] | None = None
+    plant: Plant,
+    tau: Sequence[Lanes],
+    qd: Sequence[Lanes],
+    qdd: Sequence[Lanes] | None = None,
+    combine: Callable[[Lanes, Lanes], Lanes] = operator.add,
 ) -> list[Lanes]:
     """
     Return tau [N m or N] plus the torques of the effects.
 
     Each argument is one row over lanes or n numbers. Without accelerations inertia is ignored.
     """
-    return _combined(operator.add, plant, tau, qd, qdd)
+    result = list(tau)
+    for terms in _terms(plant, qd, qdd):
+        result = [combine(total, term) for total, term in zip(result, terms, strict=True)]
+    return result
 
 
 def minus_joint_torques(plant: Plant, tau: Sequence[Lanes], qd: Sequence[Lanes]) -> list[Lanes]:
     """Return tau minus the torques of the effects at velocities qd, without inertia."""
-    return _combined(operator.sub, plant, tau, qd, None)
+    return plus_joint_torques(plant, tau, qd, combine=operator.sub)
 
 
 def record_joint_torques(plant: Plant) -> Program:
@@ -65,19 +72,6 @@ def stored_energies(plant: Plant, q: Sequence[Lanes]) -> Iterator[Lanes]:
         if effect.potential is not None:
             for x, c in zip(q, _constants(effect, plant, q), strict=True):
                 yield effect.potential(c, x)
-
-
-def _combined(
-    combine: Callable[[Lanes, Lanes], Lanes],
-    plant: Plant,
-    tau: Sequence[Lanes],
-    qd: Sequence[Lanes],
-    qdd: Sequence[Lanes] | None,
-) -> list[Lanes]:
-    result = list(tau)
-    for terms in _terms(plant, qd, qdd):
-        result = [combine(total, term) for total, term in zip(result, terms, strict=True)]
-    return result
 
 
 def _terms(

@@ -35,6 +35,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pfd_core.dynamics.joints import sum_of_angles
 from pfd_core.machine.vectors import UPPER
 from pfd_core.model.geometry import Placement, product, rotation_x, rotation_z
 from pfd_core.model.robot import Robot
@@ -164,10 +165,7 @@ def centered_links(robot: Robot, moved: bool = True, bodies: Robot | None = None
         J = product(Z.T, A, bodies.inertias[i], A.T, Z)
         m = float(bodies.masses[i])
         offset = product(Z.T, a) - axis
-        start = (
-            before[0] * first[0] - before[1] * first[1],
-            before[1] * first[0] + before[0] * first[1],
-        )
+        start = sum_of_angles(before, first)
         slides = robot.movers[i].kind == 'prismatic'
         end = product(rotation_x(*tilt), rotation_z(*following)), offset
         links.append(Link(slides, start, twist, p, end, m, center, product(Z.T, arm), J))

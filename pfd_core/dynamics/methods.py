@@ -125,9 +125,8 @@ def record_forward_dynamics(
     check_payload(plant, method)
     check_followers(plant, method)
     row = FORWARD[method]
-    if tolerance is None or not row.iterative:
-        return row(plant, schedule)
-    return row(plant, schedule, tolerance=tolerance)
+    options = {'tolerance': tolerance} if row.iterative and tolerance is not None else {}
+    return row(plant, schedule, **options)
 
 
 def check_payload(plant: Plant, method: str) -> None:

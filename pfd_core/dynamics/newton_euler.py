@@ -31,7 +31,7 @@ from pfd_core.dynamics.drives import commanded_torques, motor_torques
 from pfd_core.dynamics.energy import gravity_torques
 from pfd_core.dynamics.joint_torques import minus_joint_torques, plus_joint_torques
 from pfd_core.dynamics.joints import Force, along, force_in, force_sum, from_tip, turned_back
-from pfd_core.dynamics.links import CENTERED
+from pfd_core.dynamics.links import CENTERED, GROUPED
 from pfd_core.dynamics.numbers import Numbers, wrench_input
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
@@ -57,12 +57,7 @@ def record_inverse_dynamics(plant: Plant) -> Program:
     For the links, gravity, the wrench, damping, springs and rotors, less the gravity torques that
     motor controllers add. Brakes and motor limits are ignored.
     """
-    chain = chain_of(plant)
-    qd, qdd = chain.inputs('qd'), chain.inputs('qdd')
-    with chain.recorder.section('torques'):
-        tau = plus_joint_torques(plant, torques(chain, qd, qdd), qd, qdd)
-        tau = commanded_torques(plant, tau)
-    return chain.recorder.program(tau=tau)
+    return record_link_torques(plant, GROUPED, commanded=True)
 
 
 def record_bias_torques(plant: Plant) -> Program:
@@ -88,17 +83,20 @@ def record_gravity_torques(plant: Plant) -> Program:
     return recorder.program(gravity=tau)
 
 
-def record_link_torques(plant: Plant, parameters: str = CENTERED) -> Program:
+def record_link_torques(
+    plant: Plant, parameters: str = CENTERED, commanded: bool = False
+) -> Program:
     """
-    Return the program of tau of the motors, (n,), from q, qd and qdd; `parameters` not grouped.
+    Return the program of tau of the motors, or commanded, (n,), from q, qd and qdd.
 
-    The torque of each link is accurate relative to its own terms: the residual of refinement needs
-    that. Angular velocities are the same expressions as with grouped parameters.
+    With `parameters` that are not grouped the torque of each link is accurate relative to its own
+    terms: the residual of refinement needs that. Angular velocities are the same expressions.
     """
     chain = chain_of(plant, parameters)
     qd, qdd = chain.inputs('qd'), chain.inputs('qdd')
     with chain.recorder.section('torques'):
         tau = plus_joint_torques(plant, torques(chain, qd, qdd), qd, qdd)
+        tau = commanded_torques(plant, tau) if commanded else tau
     return chain.recorder.program(tau=tau)
 
 

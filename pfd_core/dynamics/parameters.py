@@ -155,8 +155,6 @@ def _checked(
         found[name] = array = np.broadcast_to(array, (size, *shape))
         if of_joints:
             _check_field(robot, name, array)
-    if scene.payload == INPUT:
-        raise ValueError(f'an Ensemble takes a scene with a Payload or None, got {INPUT!r}')
     for name in found:
         rest = 'payload.mass' if name in PAYLOAD and name != 'payload.mass' else ''
         needed = FIELDS[name].needs if name in FIELDS else rest

@@ -57,7 +57,7 @@ from pfd_core.dynamics.drives import motor_torques
 from pfd_core.dynamics.links import CENTERED, GIVEN
 from pfd_core.dynamics.methods import record_forward_dynamics
 from pfd_core.dynamics.newton_euler import record_link_torques
-from pfd_core.forking import load, no_fork
+from pfd_core.forking import load
 from pfd_core.machine.iteration import TOLERANCES
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
@@ -93,8 +93,18 @@ def record_refined(
 
 def record_answer(plant: Plant, method: str, steps: int, dtype: str) -> Program:
     """Return record_refined for a number format, with NaN for a qdd that has not converged."""
-    recorded = record_refined(plant, method, steps, TOLERANCES[dtype])
-    return with_nan_unless_converged(recorded, plant)
+    program = record_refined(plant, method, steps, TOLERANCES[dtype])
+    if 'converged' not in program.outputs:
+        return program
+    recorder = Recorder(1, 'sequential')
+    results = inline(recorder, program, {})
+    small = inline(recorder, record_small_correction(plant), {'qdd': results['qdd']})['small']
+    with recorder.section('convergence'):
+        results['qdd'] = [
+            where(results['converged'][0], where(small[0], value, math.nan), math.nan)
+            for value in results['qdd']
+        ]
+    return recorder.program(**results)
 
 
 def refined(
@@ -161,9 +171,6 @@ def _residual(plant: Plant, torques: Program) -> Program:
 
 def _exact_residual(recorder: Recorder, plant: Plant, dtype: str) -> list[Lanes]:
     """Return the torques that the input qdd misses, with nearly twice the digits of a format."""
-    with no_fork:
-        from pfd_core.machine.rounding_errors import RoundingErrors
-
     if plant.links or plant.robot.followers:
         # Links that vary are in the axes of centred parameters; in axes of the base none follows.
         torques = record_link_torques(plant, CENTERED)
@@ -174,8 +181,8 @@ def _exact_residual(recorder: Recorder, plant: Plant, dtype: str) -> list[Lanes]
         motors = replace(plant, gravity_compensation=None)
         record = load('paper.newton_euler.record_inverse_dynamics')
         torques = record(motors, 'sequential')
-    missing = RoundingErrors(recorder, dtype).record(_residual(plant, torques))['residual']
-    return [x.value + x.error for x in missing]
+    errors = load('machine.rounding_errors.RoundingErrors')(recorder, dtype)
+    return [x.value + x.error for x in errors.record(_residual(plant, torques))['residual']]
 
 
 def _estimate(qdd: Sequence[Lanes], results: Mapping[str, Sequence[Lanes]]) -> Lanes:
@@ -216,21 +223,6 @@ def record_small_correction(plant: Plant) -> Program:
         # 1/(1 + change) is above zero for finite numbers only.
         small = where(excess, 0.0, where(1.0 / (1.0 + change), 1.0, 0.0))
     return recorder.program(small=[small])
-
-
-def with_nan_unless_converged(program: Program, plant: Plant) -> Program:
-    """Return a sequential program whose qdd, (n,), is NaN where it has not converged."""
-    if 'converged' not in program.outputs:
-        return program
-    recorder = Recorder(1, 'sequential')
-    results = inline(recorder, program, {})
-    small = inline(recorder, record_small_correction(plant), {'qdd': results['qdd']})['small']
-    with recorder.section('convergence'):
-        results['qdd'] = [
-            where(results['converged'][0], where(small[0], value, math.nan), math.nan)
-            for value in results['qdd']
-        ]
-    return recorder.program(**results)
 
 
 def _size(values: list[Lanes]) -> Lanes:

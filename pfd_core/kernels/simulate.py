@@ -56,40 +56,22 @@ KNOWN = 'known'
 
 @dataclass(frozen=True)
 class Steps:
-    """
-    The steps of a simulation.
+    """The steps of a simulation."""
 
-    Attributes
-    ----------
-    n : int
-        Number of joints.
-    further : tuple of str
-        Rows of the state other than q, qd and qdd: zero before the first step.
-    inputs : dict
-        Elements of the inputs of the dynamics besides q and qd.
-    written : tuple of str
-        What is written after a step: rows of the state, or outputs of `control`. Without qdd in
-        it no step computes the acceleration at its end, and there is @accelerations.
-    dtype, width
-        As of Code.
-    shared : bool
-        Whether a substep begins with the acceleration qdd that the one before ended with.
-    control : Program, optional
-        A recorded program that computes the torque of each step, its output tau; else tau is an
-        array. It reads the state, inputs, its own outputs of the step before, and further arrays.
-        Each number above 0 of its output `counts` adds one to an element of the array `counts`,
-        and if `stop` is above 0 the run ends before the step. A run with `stop`, which is of one
-        arm, also ends after a step whose state is not finite.
-
-    """
-
-    n: int
-    further: tuple[str, ...]
-    inputs: Mapping[str, int]
+    n: int  # number of joints
+    further: tuple[str, ...]  # rows of the state but q, qd and qdd: zero before the first step
+    inputs: Mapping[str, int]  # elements of the inputs of the dynamics besides q and qd
+    # What is written after a step: rows of the state, or outputs of `control`. Without qdd in it
+    # no step computes the acceleration at its end, and there is @accelerations.
     written: tuple[str, ...]
-    dtype: str
+    dtype: str  # this and `width` as of Code
     width: int = 1
-    shared: bool = False
+    shared: bool = False  # whether a substep begins with the qdd that the one before ended with
+    # A recorded program that computes the torque of each step, its output tau; else tau is an
+    # array. It reads the state, inputs, its own outputs of the step before, and further arrays.
+    # Each number above 0 of its output `counts` adds one to an element of the array `counts`, and
+    # if `stop` is above 0 the run ends before the step. A run with `stop`, which is of one arm,
+    # also ends after a step whose state is not finite.
     control: Program | None = None
 
     @property
@@ -142,7 +124,9 @@ def simulation_functions(
     step, and @accelerate, which writes its qdd between two steps. In scenes with brakes `dynamics`
     has `momentum`, H qdd, and `inertial`, H^-1 tau of the free joints.
     """
-    parts = [_brake(steps, dynamics, frame)] if 'free' in steps.inputs else []
+    parts = []
+    if 'free' in steps.inputs:
+        parts.append(brake(Script('brake', frame, dynamics, steps.dtype, steps.width), steps.n))
     sizes = sorted({steps.n, *steps.given.values()})
     parts += [_copy(steps, size, inward) for size in sizes for inward in (True, False)]
     if control is not None:
@@ -176,24 +160,25 @@ def evaluations(
     return parts
 
 
-def _brake(steps: Steps, dynamics: Mapping[str, Program], frame: Frame) -> str:
+def brake(s: Script, n: int, tangent: str = '') -> str:
     """
-    Return `void @brake(frame)`: it brings braked joints to rest, by impulses of the brakes.
+    Return `void @brake(frame)`, by a new script: impulses of brakes bring braked joints to rest.
 
     H v = H qd + p, v = 0 and p any where a joint is braked, p = 0 elsewhere. An arm whose braked
-    joints are at rest keeps its velocities.
+    joints are at rest keeps its velocities. On dual numbers `tangent` ends the names of tangents,
+    which a brake changes at rest, too.
     """
-    s = Script('brake', frame, dynamics, steps.dtype, steps.width)
     code, zero = s.code, s.code.constant(0.0)
     free, before = s.read('free'), s.read('qd')
-    moves = ''
+    moves = closed = ''
     for own, velocity in zip(free, before, strict=True):
         braked = code.let(f'fcmp ole {code.type} {own}, {zero}')
         moving = code.let(f'fcmp une {code.type} {velocity}, {zero}')
         flag = code.let(f'and {code.flag} {braked}, {moving}')
         moves = code.let(f'or {code.flag} {moves}, {flag}') if moves else flag
-    with code.when(code.any(moves), rarely=True):
-        s.fill('zero', 0.0, steps.n)
+        closed = code.let(f'or {code.flag} {closed}, {braked}') if closed else braked
+    with code.when(code.any(closed if tangent else moves), rarely=True):
+        s.fill('zero', 0.0, n)
         s.evaluate('load', 'momentum', qd='zero', qdd='qd')
         s.evaluate('after', 'inertial', qd='zero', tau='load')
         velocities = []
@@ -201,6 +186,9 @@ def _brake(steps: Steps, dynamics: Mapping[str, Program], frame: Frame) -> str:
             value = code.choose(code.above(own), new, zero)
             velocities.append(code.choose(moves, value, old))
         s.write('qd', velocities)
+        if tangent:
+            pairs = zip(free, s.read(f'after{tangent}'), strict=True)
+            s.write(f'qd{tangent}', [code.choose(code.above(f), x, zero) for f, x in pairs])
     return str(s)
 
 

@@ -36,7 +36,7 @@ from pfd_core.kernels.lower import joined, lower
 from pfd_core.kernels.native import Optimisation, simd_width
 from pfd_core.kernels.recipes import Facts, Recipe, digest
 from pfd_core.kernels.script import Frame, Script
-from pfd_core.kernels.simulate import MOTION, MOTOR_TORQUE, UNFINISHED, Steps
+from pfd_core.kernels.simulate import MOTION, MOTOR_TORQUE, UNFINISHED, Steps, brake
 from pfd_core.kernels.simulations import StepCode, step_dynamics
 from pfd_core.kernels.sines import WRAP_LIMIT, wrap_angle
 from pfd_core.kernels.spec import KernelSpec
@@ -157,7 +157,6 @@ class TangentSource(Recipe):
         return replace(self._main.optimisation, reorder=True)
 
     def _programs(self) -> dict[str, Program]:
-        """Return the lowered programs of the step."""
         found = {}
         for name, program in self._step.programs().items():
             if name not in self._plain:
@@ -180,9 +179,11 @@ class TangentSource(Recipe):
         # Torques of springs and cogging change from turn to turn, and so do stops.
         turns = 'q' in record_joint_torques(plant.only(JOINTS)).inputs
         wrapped = () if turns or plant.joint_limits is not None else angles
+        functions = step.write(steps, self._programs(), dynamics, frame, angles)
+        if 'free' in inputs:
+            functions.append(brake(DualScript('brake', frame, dynamics, dtype, width), n, TANGENT))
         signature, size = Program(1, (), self._inputs, {}), math.prod(self._shape)
-        functions = [
-            *step.write(steps, self._programs(), dynamics, frame, angles),
+        functions += [
             self._body(steps, frame, wrapped),
             evaluate(signature, dtype, 1, ()),
             batch(signature, dtype, 1, size),
@@ -264,29 +265,16 @@ def compile_tangents(
     """
     Compile the linearisation of some substeps, a kernel of q, qd and tau.
 
-    Parameters
-    ----------
-    spec : KernelSpec
-        Of a STEP, in float64. Its method gives way to one whose H^-1 is accurate on this robot, as
-        for derivatives of accelerations; the accelerations are the same but for rounding.
-    step : StepCode
-        A step whose functions are written by DualScript, with a function @brake if it has brakes;
-        its positions are plain sums, since the digits that these lose have no derivative.
-    substeps : int
-        Steps of the integrator.
-    constant : collection of str
-        Arrays without tangents.
-    plain : collection of str
-        Programs that run as they are.
+    The spec is of a STEP in float64. Its method gives way to one whose H^-1 is accurate on this
+    robot, as for derivatives of accelerations; the accelerations are the same but for rounding.
+    The functions of the step are written by DualScript; its positions are plain sums, since the
+    digits that these lose have no derivative. Arrays in `constant` have no tangents, and programs
+    in `plain` run as they are.
 
-    Returns
-    -------
-    Kernel
-        Its result, (r n, (r + 1) n + 1), is the derivative of the r rows of the state at the end
-        by those at the beginning and by the torque, and then the state at the end. Of a step with
-        events there is one more column: the array HAPPENED, and behind it 1 if there were too many
-        events. Motors with a lag have reached the torque at the beginning.
-
+    The kernel's result, (r n, (r + 1) n + 1), is the derivative of the r rows of the state at the
+    end by those at the beginning and by the torque, and then the state at the end. Of a step with
+    events there is one more column: the array HAPPENED, and behind it 1 if there were too many
+    events. Motors with a lag have reached the torque at the beginning.
     """
     method, refine = select(spec.plant, use='derivatives')
     own = replace(spec, method=method, refine=refine)

@@ -20,20 +20,19 @@ the motion, and would make the result uneven.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from pfd_core.kernels.script import Frame, Script
-from pfd_core.kernels.simulate import MOTOR_TORQUE, Steps
-from pfd_core.kernels.simulations import StepCode, Writer
+from pfd_core.kernels.script import Script
+from pfd_core.kernels.simulate import MOTOR_TORQUE
+from pfd_core.kernels.simulations import StepCode
 from pfd_core.kernels.tangents import HAPPENED, DualScript, of
-from pfd_core.machine.lanes import absolute, where
+from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.model.plant import Plant
 from pfd_core.simulation.dry import Law
-from pfd_core.simulation.flags import Inputs, Outputs, any_of, both, either, negated, record
+from pfd_core.simulation.flags import Inputs, Outputs, both, either, negated, record
 from pfd_core.simulation.native import EventWriter, step_code
 
 # The part of a segment that is left of an event where the search ends.
@@ -46,25 +45,20 @@ CONSTANT = (
     *('delta', 'span', 'unfinished', 'on', 'wrong', 'excess', 'side'),
 )
 # Programs of the search, and of a joint that is put onto its stop by rounding.
-PLAIN = ('bracket', 'narrow', 'aim', 'hits', 'reach', 'shift', 'closing', 'braked')
+PLAIN = ('bracket', 'narrow', 'aim', 'hits', 'reach', 'shift')
 
 
 def dual_step(plant: Plant, integrator: str, h: float) -> StepCode:
     """Return a step of length h [s] of an integrator, with positions as plain sums."""
     step = step_code(plant, integrator, h, 'float64', False, short=SHORT, writer=DualWriter)
-    write = partial(_with_brakes, step.write) if plant.brakes else step.write
-    return replace(step, programs=partial(_programs, step), write=write)
+    return replace(step, programs=partial(_programs, step)) if step.contact else step
 
 
 def _programs(step: StepCode) -> dict[str, Program]:
-    plant, found, n = step.plant, step.programs(), step.plant.robot.n
-    if step.contact:
-        law = Law(plant, 'float64')
-        sizes = dict.fromkeys((of('g'), 'g.r', 'fired'), len(law.margins))
-        found |= {'reach': record(n, _reach), 'shift': record(n, _shift, law, **sizes)}
-    if plant.brakes:
-        found |= {'closing': record(n, _closing), 'braked': record(n, _braked)}
-    return found
+    law = Law(step.plant, 'float64')
+    sizes = dict.fromkeys((of('g'), 'g.r', 'fired'), len(law.margins))
+    own = {'reach': record(law.n, _reach), 'shift': record(law.n, _shift, law, **sizes)}
+    return step.programs() | own
 
 
 def _reach(at: Inputs) -> Outputs:
@@ -92,47 +86,6 @@ def _shift(law: Law, at: Inputs) -> Outputs:
         (tangents,) = at.rows(of(name))
         outputs[of(name)] = [x + dr * slope for x, slope in zip(tangents, slopes, strict=True)]
     return outputs
-
-
-def _closing(at: Inputs) -> Outputs:
-    """Return `closing`, whether a joint is braked."""
-    return {'closing': any_of([negated(x) for x in at.free])}
-
-
-def _braked(at: Inputs) -> Outputs:
-    """
-    Return velocities after the impulses of brakes, and their tangents.
-
-    Input after = H^-1 H qd of the free joints. Where no braked joint moves, velocities stay as
-    they are.
-    """
-    (free, qd), (tangents,) = (at.free, at.qd), at.rows(of('after'))
-    moves = any_of([both(negated(x), absolute(v)) for x, v in zip(free, qd, strict=True)])
-    found = [where(moves, new, old) for new, old in zip(at.after, qd, strict=True)]
-    return {
-        'qd': [where(x, v, 0.0) for x, v in zip(free, found, strict=True)],
-        of('qd'): [where(x, d, 0.0) for x, d in zip(free, tangents, strict=True)],
-    }
-
-
-def _with_brakes(
-    write: Writer,
-    steps: Steps,
-    programs: Mapping[str, Program],
-    dynamics: Mapping[str, Program],
-    frame: Frame,
-    angles: Sequence[int],
-) -> list[str]:
-    """Return the functions of a step, and @brake, which brings braked joints to rest."""
-    functions = write(steps, programs, dynamics, frame, angles)
-    s = DualScript('brake', frame, dynamics, steps.dtype, steps.width, programs, inline=True)
-    s.run('closing')
-    with s.when_any('closing', rarely=True):
-        s.fill('zero', 0.0, steps.n)
-        s.evaluate('load', 'momentum', qd='zero', qdd='qd')
-        s.evaluate('after', 'inertial', qd='zero', tau='load')
-        s.run('braked')
-    return [*functions, str(s)]
 
 
 class DualWriter(EventWriter):

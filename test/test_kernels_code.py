@@ -370,8 +370,8 @@ def test_a_processor_whose_features_llvm_cannot_detect_is_named_alone(
 
 def module(kernel: pfd.Kernel, width: int) -> str:
     """Return the module of a kernel without its entry from Python."""
-    angles, size = recipes.turned_joints(kernel.robot), kernel.robot.n
-    return '\n'.join(generate.kernel_functions(kernel.program, kernel.dtype, width, angles, size))
+    angles = recipes.turned_joints(kernel.robot)
+    return '\n'.join(generate.kernel_functions(kernel.program, kernel.dtype, width, angles))
 
 
 @pytest.mark.parametrize('dtype', one_fast(['float64', 'float32'], 'float32'))

@@ -31,7 +31,7 @@ from pfd_core.dynamics.methods import (
     check_followers,
     record_forward_dynamics,
 )
-from pfd_core.forking import no_fork
+from pfd_core.forking import load, no_fork
 from pfd_core.kernels.cache import kept
 from pfd_core.model.effects import INERTIA
 from pfd_core.model.plant import Plant
@@ -126,16 +126,13 @@ def roundings(plant: Plant, method: str, inverse: bool = False) -> float:
 
 def cost(plant: Plant, method: str) -> int:
     """Return the operations of a method's kernel, changes of sign apart."""
-    with no_fork:
-        from pfd_core.kernels.lower import lower, operations
-
+    lower, operations = (load(f'kernels.lower.{name}') for name in ('lower', 'operations'))
     program = record_forward_dynamics(plant, method, 'sequential')
     counts = operations(lower(program, 'float64', ['qdd']).compiled)
     return sum(count for op, count in counts.items() if op != 'neg')
 
 
 def _cheapest(plant: Plant) -> str:
-    """Return the cheaper of both methods."""
     methods = FEW_JOINTS, MANY_JOINTS
     found: str = _kept(('cheapest', plant.digest), lambda: min(methods, key=partial(cost, plant)))
     return found

@@ -174,7 +174,6 @@ def _evict(where: Path) -> None:
 
 @cache
 def _warn(text: str) -> None:
-    """Log a warning, once."""
     LOG.warning('%s', text)
 
 

@@ -243,7 +243,6 @@ class _Batch:
 
 
 def _field(code: Code, array: str, name: str) -> str:
-    """Return a field of an array."""
     field = getattr(ArrayObject, name)
     return code.load('i32' if field.size == 4 else 'ptr', code.at(array, field.offset))
 

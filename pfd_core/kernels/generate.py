@@ -305,7 +305,6 @@ def batch(program: Program, dtype: str, width: int, size: int) -> str:
 
 
 def _table(code: Code, count: int) -> list[Array]:
-    """Return the arrays in the table of @batch."""
     kinds = 'ptr', 'i64', 'i64'
     numbers = [code.load(kind, code.at('%table', k, 8)) for k, kind in enumerate(kinds * count)]
     return list(zip(numbers[::3], numbers[1::3], numbers[2::3], strict=True))
@@ -467,17 +466,16 @@ def declarations(dtype: str, widths: Collection[int], wrapped: bool) -> str:
     return '\n'.join([*lines, *([wrap_angle()] if wrapped else [])])
 
 
-def kernel_functions(
-    program: Program, dtype: str, width: int, angles: Sequence[int], size: int
-) -> list[str]:
+def kernel_functions(program: Program, dtype: str, width: int, angles: Sequence[int]) -> list[str]:
     """
     Return the functions @evaluate1 and @batch of a module, to which an entry may be added.
 
-    The program is lowered and has one output, of `size` elements; `angles` are the elements of q
-    that are turned, and `width` the states in a register of @batch.
+    The program is lowered and has one output; `angles` are the elements of q that are turned, and
+    `width` the states in a register of @batch.
     """
     functions = []
+    (output,) = program.outputs.values()
     for own in sorted({1, width}):
         functions += [body(program, dtype, own), evaluate(program, dtype, own, angles)]
-    functions.append(batch(program, dtype, width, size))
+    functions.append(batch(program, dtype, width, len(output.places)))
     return [*functions, declarations(dtype, {1, width}, bool(angles))]

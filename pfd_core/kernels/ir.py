@@ -70,7 +70,6 @@ class Code:
         self._names = 0
 
     def __str__(self) -> str:
-        """Return the IR of the function."""
         lines = [f'{self.head} {{', 'entry:', *self._arrays, *self._lines, '  unreachable', '}']
         return '\n'.join(lines)
 

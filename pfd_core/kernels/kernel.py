@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.forking import cached_property, no_fork
+from pfd_core.forking import cached_property, load
 from pfd_core.kernels.native import simd_width
 from pfd_core.kernels.objects import python_function
 from pfd_core.kernels.recipes import Recipe, error_estimate, turned_joints
@@ -42,13 +42,8 @@ if TYPE_CHECKING:
 SCENE_INPUTS = ('wrench', 'free', 'p')
 
 
-@cache
-def _payload_inputs() -> Callable[..., dict[str, Any]]:
-    """Return the function; its module is imported once, as calls must not wait for compilers."""
-    with no_fork:
-        from pfd_core.dynamics.bodies import payload_inputs
-
-    return payload_inputs
+# Once: a call must not wait for compilers.
+_load_once = cache(load)
 
 
 class Kernel:
@@ -120,10 +115,7 @@ class Kernel:
     @property
     def ir(self) -> str:
         """LLVM IR of the kernel."""
-        with no_fork:
-            from pfd_core.kernels.entry import entry
-
-        facts = self._recipe.facts
+        facts, entry = self._recipe.facts, load('kernels.entry.entry')
         functions = self._recipe.functions(self.dtype, self._width, turned_joints(self.robot))
         return '\n\n'.join([*functions, entry(facts.inputs, self.dtype, facts.shape)])
 
@@ -291,7 +283,7 @@ class Kernel:
         payload: Payload | None,
     ) -> dict[str, NDArray[Any]]:
         """Return the inputs as arrays, in the kernel's order; they may not be finite yet."""
-        sizes = self._recipe.inputs
+        sizes = self._recipe.facts.inputs
         own = [name for name in sizes if name not in SCENE_INPUTS]
         labels = [*own, *('q', 'qd', 'tau')[len(own) :]]
         values = dict(zip(labels, state, strict=True))
@@ -301,7 +293,8 @@ class Kernel:
             raise ValueError(f'the kernel takes {", ".join(own)}, got {got}')
         given |= scene_inputs(self.scene, self.robot.n, self.dtype, wrench, brakes)
         if payload is not None or self.scene.payload == INPUT:
-            given |= _payload_inputs()(self.robot, self.scene, self.dtype, payload)
+            inputs = _load_once('dynamics.bodies.payload_inputs')
+            given |= inputs(self.robot, self.scene, self.dtype, payload)
         return {
             name: real_array(name, given[name], self.dtype, (..., size), finite=False)
             for name, size in sizes.items()

@@ -78,11 +78,6 @@ class Optimisation:
     # faster. It takes half the time of all passes, and changes nothing elsewhere.
     branches: bool = False
 
-    @property
-    def level(self) -> int:
-        """The level of LLVM's code generator."""
-        return 1 if self.long or self.reorder else 2
-
 
 @dataclass(frozen=True)
 class Native:
@@ -201,7 +196,7 @@ def emit(ir: str, target: Target | None = None, optimisation: Optimisation | Non
     not a valid module, or this LLVM cannot compile for the target.
     """
     target, optimisation = target or current(), optimisation or Optimisation()
-    machine = _machine(target, optimisation.level)
+    machine = _machine(target, 1 if optimisation.long or optimisation.reorder else 2)
     module = llvm.parse_assembly(ir)
     module.triple = target.triple
     module.data_layout = str(machine.target_data)

@@ -98,11 +98,6 @@ class Recipe:
         return Facts(**head)
 
     @property
-    def inputs(self) -> dict[str, int]:
-        """Elements of each input, in the order in which a kernel takes them."""
-        return self.facts.inputs
-
-    @property
     def work(self) -> int:
         """The operations of the lowered program."""
         return sum(self.facts.operations['compiled'].values())
@@ -115,14 +110,10 @@ class Recipe:
 
     def functions(self, dtype: str, width: int, angles: Sequence[int]) -> list[str]:
         """Return the functions of a kernel without its entry, as generate.kernel_functions."""
-        functions: list[str]
+        write, program = load('kernels.generate.kernel_functions'), self.program
         if self._product:
-            write = load('kernels.matmul.product_functions')
-            functions = write(self.lowered.compiled, dtype, width, angles)
-        else:
-            size = len(next(iter(self.program.outputs.values())).places)
-            write = load('kernels.generate.kernel_functions')
-            functions = write(self.program, dtype, width, angles, size)
+            write, program = load('kernels.matmul.product_functions'), self.lowered.compiled
+        functions: list[str] = write(program, dtype, width, angles)
         return functions
 
     def compile(

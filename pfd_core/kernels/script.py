@@ -36,7 +36,6 @@ class Frame:
         self.size = 0
 
     def __contains__(self, name: str) -> bool:
-        """Return whether there is an array of this name."""
         return name in self._places
 
     def place(self, name: str, size: int) -> int:

@@ -53,20 +53,10 @@ class NativeSteps:
 
 class Plan:
     """
-    What @simulate and @accelerations do with some arms.
+    What @simulate and @accelerations do with a number of arms, in steps of `substeps` each.
 
-    Parameters
-    ----------
-    native : NativeSteps
-        The code.
-    arrays : mapping
-        Arrays by name, ([arms, [steps,]] elements). The code reads a spare number for those that
-        it lacks, and writes it; it takes no notice of others.
-    substeps : int
-        Steps of the integrator in a step.
-    arms : int
-        Number of arms.
-
+    `arrays` are arrays by name, ([arms, [steps,]] elements). The code reads a spare number for
+    those that it lacks, and writes it; it takes no notice of others.
     """
 
     def __init__(
@@ -138,42 +128,19 @@ Writer = Callable[
 
 @dataclass(frozen=True)
 class StepCode:
-    """
-    One step of an integrator for a plant.
-
-    Attributes
-    ----------
-    plant : Plant
-        Robot and scene.
-    further : tuple of str
-        Rows of the state besides q and qd.
-    programs : callable
-        Records the programs; returns them by name.
-    write : callable
-        See Writer.
-    evaluations : int
-        How often a step without events evaluates the dynamics.
-    settings : str
-        Everything that determines the programs and the functions, except the plant.
-    shared : bool
-        As of Steps.
-    contact, stops : bool
-        Whether the step has events of dry friction or joint stops; whether it has stops.
-    implicit : float
-        Time [s] by which the damping is multiplied that a smooth step solves with; above zero for
-        a step with events that solves with the damping; 0 for none.
-
-    """
+    """One step of an integrator for a plant."""
 
     plant: Plant
-    further: tuple[str, ...]
-    programs: Callable[[], dict[str, Program]]
+    further: tuple[str, ...]  # rows of the state besides q and qd
+    programs: Callable[[], dict[str, Program]]  # records the programs; returns them by name
     write: Writer
-    evaluations: int
-    settings: str
-    shared: bool = False
-    contact: bool = False
-    stops: bool = False
+    evaluations: int  # how often a step without events evaluates the dynamics
+    settings: str  # what determines programs and functions, except the plant
+    shared: bool = False  # as of Steps
+    contact: bool = False  # whether the step has events of dry friction or joint stops
+    stops: bool = False  # whether it has stops
+    # Time [s] by which the damping is multiplied that a smooth step solves with; above zero for a
+    # step with events that solves with the damping; 0 for none.
     implicit: float = 0.0
 
 
@@ -329,7 +296,7 @@ def step_dynamics(spec: KernelSpec, step: StepCode) -> tuple[dict[str, Recipe], 
         sources['inertial'] = forward(spec, replace(still, brakes=True))
     inputs = {
         name: size
-        for name, size in next(iter(sources.values())).inputs.items()
+        for name, size in next(iter(sources.values())).facts.inputs.items()
         if name not in MOTION and (name != 'free' or step.plant.brakes)
     }
     return sources, inputs | ({PARAMETERS: count(step.plant)} if step.plant.varied else {})

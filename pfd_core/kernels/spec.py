@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from pfd_core.dynamics.quantities import QUANTITIES, Quantity
-from pfd_core.forking import no_fork
+from pfd_core.forking import load
 from pfd_core.kernels.auto import select
 from pfd_core.model.effects import INPUT
 from pfd_core.model.plant import INSTANT, Plant, check_joint_inertia, resolve
@@ -52,16 +52,13 @@ class KernelSpec:
         # A step has the options of forward dynamics.
         of_step = isinstance(self.quantity, str) and self.quantity == STEP
         name = 'forward_dynamics' if of_step else self.quantity
-        check_options(name, self.method, self.refine, self.frame)
         quantity = quantity_named(name)
+        check_options(quantity, self.method, self.refine, self.frame)
         scene = reduced(self.scene, quantity)
         choice('dtype', self.dtype, DTYPES)
         plant = resolve(self.robot, scene)
         if scene.payload == INPUT:
-            with no_fork:
-                from pfd_core.dynamics.bodies import with_payload_input
-
-            plant = with_payload_input(plant)
+            plant = load('dynamics.bodies.with_payload_input')(plant)
         if of_step:
             plant = plant.only(*INSTANT)
         frame, place = None, ''
@@ -95,9 +92,9 @@ def quantity_named(name: str) -> Quantity:
     return QUANTITIES[name]
 
 
-def check_options(name: str, method: str, refine: int, frame: str | None) -> None:
+def check_options(quantity: Quantity, method: str, refine: int, frame: str | None) -> None:
     """Raise ValueError for options that a quantity does not have."""
-    quantity = quantity_named(name)
+    name = quantity.name
     if frame is not None and not quantity.of_frame:
         raise ValueError(f'{name} does not take a frame, got frame={quote(frame)}')
     if not quantity.method:

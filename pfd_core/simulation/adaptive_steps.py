@@ -126,7 +126,6 @@ class AdaptiveWriter(EventWriter):
     keeps = False
 
     def __post_init__(self) -> None:
-        """Lay out the arrays."""
         super().__post_init__()
         if self.events:
             self.frame.place('rest.look', 2 * self.law.n)
@@ -198,7 +197,6 @@ class AdaptiveWriter(EventWriter):
         super()._load(s, q, qd, tau, y, damped)
 
     def _slope(self, s: Script, result: str, q: str, qd: str) -> None:
-        """Write the accelerations of a state."""
         if self.events:
             self._accelerations(s, result, q, qd, 'tau')
         else:

@@ -26,7 +26,6 @@ A joint moves or rests, so the first two share a place. One with friction reache
 it only after a reversal, so its stops share one, too. A joint without friction that turns, perhaps
 beyond its stop, has a reversal: the search for an event then begins where it has turned. At the
 event the velocity is 0.0, or the position the stop, exactly.
-
 """
 
 from __future__ import annotations
@@ -81,26 +80,13 @@ class Margin:
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """
-    Friction and stops of a plant, in a number format.
-
-    Attributes
-    ----------
-    plant : Plant
-        Robot and scene.
-    dtype : {'float64', 'float32'}
-        Number format.
-    short : float
-        The part of a segment that a Taylor step to an event may be: shorter hops are not resolved.
-    jumps : bool
-        Whether torques may jump within a segment.
-
-    """
+    """Friction and stops of a plant, in a number format."""
 
     plant: Plant
     dtype: str
+    # The part of a segment that a Taylor step to an event may be: shorter hops are not resolved.
     short: float = SHORT
-    jumps: bool = False
+    jumps: bool = False  # whether torques may jump within a segment
 
     @property
     def n(self) -> int:

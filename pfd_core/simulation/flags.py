@@ -9,6 +9,7 @@ One register holds one number; flags are 1 or 0.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import reduce
 from typing import Any
 
 from pfd_core.machine.lanes import absolute, where
@@ -55,26 +56,22 @@ def record(n: int, function: Callable[..., Outputs], *settings: Any, **sizes: in
 
 def sign_of(x: Lanes) -> Lanes:
     """Return whether a number is above zero."""
-    result: Lanes = where(x, 1.0, 0.0)
-    return result
+    return x.recorder.apply('select', x, 1.0, 0.0)
 
 
 def both(a: Lanes, b: Lanes) -> Lanes:
     """Return whether two flags are set."""
-    result: Lanes = where(a, b, 0.0)
-    return result
+    return a.recorder.apply('select', a, b, 0.0)
 
 
 def either(a: Lanes, b: Lanes) -> Lanes:
     """Return whether one of two flags is set."""
-    result: Lanes = where(a, a, b)
-    return result
+    return a.recorder.apply('select', a, a, b)
 
 
 def negated(a: Lanes) -> Lanes:
     """Return whether a flag is not set, or a number not above zero."""
-    result: Lanes = where(a, 0.0, 1.0)
-    return result
+    return a.recorder.apply('select', a, 0.0, 1.0)
 
 
 def any_of(flags: Sequence[Lanes]) -> Lanes:
@@ -104,16 +101,9 @@ def first_equal(values: Sequence[Lanes], value: Lanes) -> list[Lanes]:
 
 def smallest(values: Sequence[Lanes]) -> Lanes:
     """Return the smallest of some numbers."""
-    return _extreme(values, lambda a, b: where(a - b, b, a))
+    return reduce(lambda a, b: where(a - b, b, a), values)
 
 
 def largest(values: Sequence[Lanes]) -> Lanes:
     """Return the largest of some numbers."""
-    return _extreme(values, lambda a, b: where(a - b, a, b))
-
-
-def _extreme(values: Sequence[Lanes], better: Callable[[Lanes, Lanes], Lanes]) -> Lanes:
-    best = values[0]
-    for value in values[1:]:
-        best = better(best, value)
-    return best
+    return reduce(lambda a, b: where(a - b, a, b), values)

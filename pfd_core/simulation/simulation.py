@@ -210,14 +210,12 @@ class Simulation(ABC):
     @property
     def q(self) -> Array:
         """Joint positions, (n,) or (B, n) [rad or m]; a copy."""
-        q: Array = self._now.arrays['q'].copy()
-        return q
+        return np.array(self._now.arrays['q'])
 
     @property
     def qd(self) -> Array:
         """Joint velocities, (n,) or (B, n) [rad/s or m/s]; a copy."""
-        qd: Array = self._now.arrays['qd'].copy()
-        return qd
+        return np.array(self._now.arrays['qd'])
 
     @property
     def tau_motor(self) -> Array:
@@ -228,8 +226,7 @@ class Simulation(ABC):
         found = self._now.arrays.get(MOTOR_TORQUE)
         if found is None:
             raise ValueError('tau_motor needs a scene with motor_lag')
-        tau_motor: Array = found.copy()
-        return tau_motor
+        return np.array(found)
 
     @property
     def wrapped(self) -> tuple[Array, Array]:

@@ -28,7 +28,7 @@ from pfd_core.kernels.simulations import NativeSteps, Plan
 from pfd_core.model.effects import INPUT
 from pfd_core.model.plant import check_joint_inertia, resolve
 from pfd_core.model.robot import Payload
-from pfd_core.model.values import Array, quote, real_array
+from pfd_core.model.values import Array, real_array
 from pfd_core.simulation.simulation import Simulation
 from pfd_core.simulation.state import SimulationState, plan_of
 from pfd_core.simulation.stiffness import check_springs
@@ -132,9 +132,6 @@ class Simulator(Simulation):
         self._numbers_of(payload)
 
     def _numbers_of(self, payload: Payload | None) -> Array:
-        # Before the table of numbers that are kept, which takes hashable objects only.
-        if payload is not None and not isinstance(payload, Payload):
-            raise ValueError(f'payload must be a Payload or None, got {quote(payload)}')
         if self._scene.payload != INPUT:
             raise ValueError("the scene takes no payload as an input: use Scene(payload='input')")
         (numbers,) = payload_inputs(self._robot, self._scene, self._dtype, payload).values()

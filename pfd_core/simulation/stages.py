@@ -57,33 +57,16 @@ class Stage:
 
 @dataclass(frozen=True)
 class Segment:
-    """
-    An integrator's segment for a plant.
-
-    Attributes
-    ----------
-    plant : Plant
-        Robot and scene.
-    tableau : Tableau
-        The integrator.
-    h : float
-        Length of a whole step [s].
-    compensated : bool
-        Whether positions are sums.
-    load : callable or None
-        load(tau, qd, direction, damped) returns the torques of sliding joints under torques tau of
-        the motors. None for a scene without events.
-    load_in_stages : bool
-        Whether the stages' programs apply `load` to the torques themselves: motors do not
-        change them.
-
-    """
+    """An integrator's segment for a plant."""
 
     plant: Plant
     tableau: Tableau
-    h: float
-    compensated: bool
+    h: float  # length of a whole step [s]
+    compensated: bool  # whether positions are sums
+    # load(tau, qd, direction, damped) returns the torques of sliding joints under torques tau of
+    # the motors; None for a scene without events.
     load: Callable[[Row, Row, Row, bool], Row] | None = None
+    # Whether the stages' programs apply it to the torques themselves, which no motor changes.
     load_in_stages: bool = False
 
     @property
@@ -141,7 +124,6 @@ class Segment:
         return programs
 
     def _begin(self, at: Inputs) -> Outputs:
-        """Return the torques of lagging motors at the beginning."""
         return {self.tau[0]: self._torques(at, 0.0)}
 
     def _commit(self, at: Inputs) -> Outputs:

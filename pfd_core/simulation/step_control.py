@@ -222,7 +222,6 @@ def _status(at: Inputs, **flags: Lanes) -> Lanes:
 
 
 def _finite(values: Sequence[Lanes]) -> Lanes:
-    """Return whether all of some numbers are finite."""
     return sign_of(LARGEST - absolute(total([x * SMALL for x in values])))
 
 

@@ -40,39 +40,21 @@ def of_stages(weights: Iterable[float], A: Iterable[Iterable[float]]) -> Row:
 
 @dataclass(frozen=True)
 class Tableau:
-    """
-    The coefficients of an integrator: explicit, but for the damping where `implicit` is not zero.
+    """The coefficients of an integrator of s stages: explicit, but for a damping if `implicit`."""
 
-    Attributes
-    ----------
-    c, b : tuple of float
-        Times of the stages as parts of the step, (s,), and weights of K in v'.
-    A : tuple of tuple of float
-        Weights of K in the velocities of the stages, (s, s), zero from the diagonal on.
-    b_bar, A_bar : tuple
-        Weights of K in positions; default b A and A A.
-    order : int
-        Power of r with which the error of a motion falls.
-    implicit : float
-        Diagonal coefficient c of the implicit stages, in a scene with damping; 0 for none.
-    shared : bool
-        Whether the last evaluation of a step may serve as the first one of the next.
-    end : int
-        Of an embedded pair (pfd_core.simulation.embedded_pairs) the stage at the end of the step.
-    estimates, tail : tuple of tuple of float
-        Of an embedded pair: the weights of its two error estimates, (2, s), the higher order
-        first; and the weights of its dense output from the fourth row on, (4, s).
-
-    """
-
-    c: Row
-    A: tuple[Row, ...]
-    b: Row
-    order: int
+    c: Row  # times of the stages as parts of the step, (s,)
+    A: tuple[Row, ...]  # weights of K in velocities of stages, (s, s), zero from the diagonal on
+    b: Row  # weights of K in v', (s,)
+    order: int  # power of r with which the error of a motion falls
+    # Weights of K in positions; default b A and A A.
     b_bar: Row = ()
     A_bar: tuple[Row, ...] = ()
+    # Diagonal coefficient c of the implicit stages, in a scene with damping; 0 for none.
     implicit: float = 0.0
-    shared: bool = False
+    shared: bool = False  # whether the last evaluation of a step may be the first of the next
+    # Of an embedded pair (pfd_core.simulation.embedded_pairs): the stage at the end of the step;
+    # the weights of its two error estimates, (2, s), the higher order first; and the weights of
+    # its dense output from the fourth row on, (4, s).
     end: int = 0
     estimates: tuple[Row, ...] = ()
     tail: tuple[Row, ...] = ()

@@ -12,7 +12,6 @@ Needs Chromium and the extras `ros` and `test`, which bring the meshes of the UR
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import html
 import os
 from pathlib import Path
@@ -21,7 +20,6 @@ import subprocess
 import sys
 from tempfile import TemporaryDirectory
 import time
-from typing import Any
 
 from PIL import Image
 
@@ -43,7 +41,7 @@ LOADED = ('armature', '\n        payload_mass=3.0, armature')
 UNSTABLE = (' - 80.0 * qd', ' + (80.0 if t > 1.0 else -80.0) * qd')
 CLOSE = "document.querySelector('[class*=closeButton], [class*=CloseButton]')?.click()"
 # The arm and what pytest prints, side by side [px].
-VIEW, BESIDE = (800, 400), (1366, 400)
+VIEW, BESIDE = (800, 440), (1366, 440)
 COLUMNS = """<body style="margin:0;display:flex;background:#fff">
 <img src="view.png"><pre style="font:12.5px/1.45 monospace;padding:0 14px;
 white-space:pre-wrap;margin:10px 0 0">{}</pre>"""
@@ -70,17 +68,15 @@ def failing_test(folder: Path, change: tuple[str, str]) -> tuple[str, Path]:
 
 def shot(url: str, out: Path, size: tuple[int, int] = (WIDTH, HEIGHT), wait: float = 2.0) -> None:
     """Write the picture of a page."""
-    with TemporaryDirectory() as profile, opened(url, Path(profile), size) as shown:
-        show: Callable[..., Any] = shown.call
-        show('Emulation.setDeviceMetricsOverride', **_device(size))
+    with (
+        TemporaryDirectory() as profile,
+        opened(Path(profile)) as browser,
+        browser.shows(url, size) as shown,
+    ):
         time.sleep(wait)
         shown.value(CLOSE)
         time.sleep(1.0)
         save(shown, out)
-
-
-def _device(size: tuple[int, int]) -> dict[str, Any]:
-    return {'width': size[0], 'height': size[1], 'deviceScaleFactor': 1, 'mobile': False}
 
 
 def save(shown: Page, out: Path) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""QoS that parameters override, and why an endpoint of another node does not match ours."""
+"""Profiles of QoS, and why an endpoint of another node does not match ours."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from rclpy.qos import (
 )
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
+from pfd_ros.messages.qos import MOST_DEPTH, Qos
 from pfd_ros.messages.topics import node_of
 from pfd_ros.text import cut
 
@@ -26,6 +27,16 @@ from pfd_ros.text import cut
 OVERRIDABLE = QoSOverridingOptions(
     (QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY, QoSPolicyKind.RELIABILITY)
 )
+
+
+def profile_of(qos: Qos) -> QoSProfile:
+    """Return a QoS profile of rclpy; `keep_all` could block, so it is a large depth."""
+    reliable, durable = ReliabilityPolicy, DurabilityPolicy
+    return QoSProfile(
+        depth=MOST_DEPTH if qos.keep_all else qos.depth,
+        reliability=reliable.RELIABLE if qos.reliable else reliable.BEST_EFFORT,
+        durability=durable.TRANSIENT_LOCAL if qos.transient_local else durable.VOLATILE,
+    )
 
 
 def mismatch(info: Any, topic: str, wanted: str, own: QoSProfile, *, publishes: bool) -> str:

@@ -43,7 +43,6 @@ from pfd_ros.text import one_line
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 # Longest text of a value; a robot may have hundreds of joints.
 TEXT_LENGTH = 200
-MICROSECONDS = 1e3  # ns
 
 
 def status(
@@ -55,12 +54,9 @@ def status(
     """
     found = ((level, text) for level, exists, text in troubles if exists)
     level, text = next(found, (OK, usual))
-    pairs = [KeyValue(key=key, value=_short(value)) for key, value in values.items()]
-    return DiagnosticStatus(level=level, name=task, message=_short(text), values=pairs)
-
-
-def _short(value: object) -> str:
-    return one_line(value, TEXT_LENGTH)
+    pairs = [KeyValue(key=key, value=one_line(x, TEXT_LENGTH)) for key, x in values.items()]
+    short = one_line(text, TEXT_LENGTH)
+    return DiagnosticStatus(level=level, name=task, message=short, values=pairs)
 
 
 def message(node: str, tasks: Iterable[DiagnosticStatus]) -> bytes:
@@ -156,7 +152,7 @@ class ArmDiagnostics:
             'missed_periods_total': now['missed'],
             'states_sent_again': stepper.resent,
         }
-        lengths = stepper.newest_lengths(int(new['cycles'])) / MICROSECONDS
+        lengths = 1e-3 * stepper.newest_lengths(int(new['cycles']))
         if len(lengths):
             for share, name in ((50, 'p50'), (99, 'p99'), (100, 'max')):
                 values[f'step_{name}_us'] = f'{np.percentile(lengths, share):.1f}'
@@ -202,7 +198,6 @@ class ArmDiagnostics:
         settings, payload = state.settings, plant.inputs
         q, qd, tau = state.rows[state.now].copy()
         if self._kernels.digest != compiled_scene(plant).digest:
-            # The scene has changed.
             with COMPILATION:
                 self._kernels = MassKernels(engine, plant)
         kernels = self._kernels

@@ -12,11 +12,12 @@ from rclpy._rclpy_pybind11 import RCLError
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 
 from pfd_ros.arm import events
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.matching import OVERRIDABLE, mismatch
+from pfd_ros.messages.matching import OVERRIDABLE, mismatch, profile_of
+from pfd_ros.messages.qos import Qos
 from pfd_ros.messages.topics import message_class, node_of, remapped
 from pfd_ros.text import cut, listed, one_line
 
@@ -46,12 +47,9 @@ class Endpoints(NamedTuple):
 
     def others(self, role: str) -> list[Any]:
         """Return the endpoints in the graph with which ours is to exchange messages."""
-        reads = role in self.subscriptions
-        node, topic = self.node, self.topic(role)
-        found = (
-            node.get_publishers_info_by_topic if reads else node.get_subscriptions_info_by_topic
-        )
-        return list(found(topic))
+        if role in self.subscriptions:
+            return list(self.node.get_publishers_info_by_topic(self.topic(role)))
+        return list(self.node.get_subscriptions_info_by_topic(self.topic(role)))
 
     def misfit(self, role: str, info: Any) -> str:
         """Return why ours and an endpoint in the graph exchange no messages, '' if they do."""
@@ -96,13 +94,9 @@ def chosen_topics(
 def profile(role: str, depth: int = 0) -> QoSProfile:
     """Return the QoS of a role without overrides, with the depth of its row or another one."""
     row = events.ROLES[role]
-    deep = row.kind != events.INPUT and not row.latched and role not in NEWEST_ONLY
-    latched, lossy = row.latched, role in BEST_EFFORT
-    return QoSProfile(
-        depth=depth or (OUTPUT_DEPTH if deep else 1),
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-        reliability=ReliabilityPolicy.BEST_EFFORT if lossy else ReliabilityPolicy.RELIABLE,
-    )
+    newest = row.kind == events.INPUT or row.latched or role in NEWEST_ONLY
+    depth = depth or (1 if newest else OUTPUT_DEPTH)
+    return profile_of(Qos(depth, reliable=role not in BEST_EFFORT, transient_local=row.latched))
 
 
 def create_endpoints(

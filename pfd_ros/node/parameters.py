@@ -266,7 +266,17 @@ def setter(
     def passed_on(given: Sequence[tuple[Parameter, Row, str]]) -> str:
         """Pass values on, and return why the arm refuses them, '' if it does not."""
         changes.settle(ANSWER_SECONDS)
-        values = values_of(given)
+        values, numbers = dict[str, Any](), dict[str, dict[str, float]]()
+        for parameter, row, joint in given:
+            if not row.dynamic:
+                raise ValueError(f'{listed([parameter.name])} cannot change until cleanup')
+            if joint:
+                number = typed(parameter.name, parameter.value, 'float')
+                numbers.setdefault(row.field, {})[joint] = number
+            else:
+                values[row.field] = typed(row.name, _plain(parameter.value), row.type)
+        settings = with_joint_numbers(engine.state.settings, engine.robot, numbers)
+        values |= {field: getattr(settings, field) for field in numbers}
         settings = changed(engine, values)
         verdict = changes.put(PARAMETERS, encode_string(json.dumps(values)))
         if not engine.plants.ready(settings):
@@ -278,19 +288,5 @@ def setter(
             # A very slow arm applies them later.
             return ''
         return '' if found.accepted else f'{found.label}: {found.detail}'
-
-    def values_of(given: Sequence[tuple[Parameter, Row, str]]) -> dict[str, Any]:
-        """Return the new values by field."""
-        values, numbers = dict[str, Any](), dict[str, dict[str, float]]()
-        for parameter, row, joint in given:
-            if not row.dynamic:
-                raise ValueError(f'{listed([parameter.name])} cannot change until cleanup')
-            if joint:
-                number = typed(parameter.name, parameter.value, 'float')
-                numbers.setdefault(row.field, {})[joint] = number
-            else:
-                values[row.field] = typed(row.name, _plain(parameter.value), row.type)
-        settings = with_joint_numbers(engine.state.settings, engine.robot, numbers)
-        return values | {field: getattr(settings, field) for field in numbers}
 
     return set_parameters

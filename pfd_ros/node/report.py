@@ -212,10 +212,9 @@ def _report_inputs(report: Report, engine: Engine, endpoints: Endpoints) -> None
     for (role, label), (count, detail) in report.inputs().items():
         topic, key = endpoints.topic(role), (role, label)
         if label == f'unknown_names{REMARK}':
-            names = (
-                f'{detail.removeprefix("unknown joints ")}; known joints: {listed(engine.names)}'
-            )
-            report.line(key, count, f'unknown joints in messages ignored on {topic}: {names}')
+            names = detail.removeprefix('unknown joints ')
+            text = f'unknown joints in messages ignored on {topic}: {names}'
+            report.line(key, count, f'{text}; known joints: {listed(engine.names)}')
         elif label == f'{events.LOCKED_JOINTS}{REMARK}':
             names = detail.removeprefix('locked: ')
             report.once(key, f'commands for locked joints have no effect: {names}')

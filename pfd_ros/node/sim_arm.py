@@ -120,22 +120,14 @@ class SimArm:
         self._set_parameters = parameters.setter(self.engine, changes)
         node.add_on_set_parameters_callback(self._set_parameters)
         # Last, so that an arm that fails leaves no file.
-        self._recorder = self.stepper.recorder = self._opened()
+        if settings.recording:
+            # Imported here: a node without a recording starts faster.
+            from pfd_ros.recording.recorder import Recorder
 
-    def _opened(self) -> Recorder | None:
-        """Return the recording, with a topic for each role of the run."""
-        path = self.engine.state.settings.recording
-        if not path:
-            return None
-        # Imported here: a node without a recording starts faster.
-        from pfd_ros.recording.recorder import Recorder
-
-        topics = {
-            role: self._node.resolve_topic_name(events.ROLES[role].topic)
-            for role in self.engine.roles
-        }
-        topics |= {role: end.topic_name for role, end in self.endpoints.all.items()}
-        return Recorder(path, self.engine, topics, self._node.get_logger().error)
+            own = {x: node.resolve_topic_name(events.ROLES[x].topic) for x in self.engine.roles}
+            own |= {role: end.topic_name for role, end in ends.all.items()}
+            self._recorder = Recorder(settings.recording, self.engine, own, log.error)
+            self.stepper.recorder = self._recorder
 
     def start(self) -> None:
         """Start the threads that step, and that prepare changes."""
@@ -194,19 +186,14 @@ class SimArm:
         """Remove its topics, services and callback from the node."""
         if hasattr(self, '_set_parameters'):
             self._node.remove_on_set_parameters_callback(self._set_parameters)
-        destroy: dict[str, Callable[[Any], bool]] = {
-            'publishers': self._node.destroy_publisher,
-            'subscriptions': self._node.destroy_subscription,
-            'services': self._node.destroy_service,
-        }
         for kind, entity in self._entities:
-            destroy[kind](entity)
+            getattr(self._node, f'destroy_{kind}')(entity)
 
 
 def _entities(node: Node) -> Iterator[tuple[str, Any]]:
     """Yield the entities of a node that an arm may add."""
-    for kind in ('publishers', 'subscriptions', 'services'):
-        for entity in getattr(node, kind):
+    for kind in ('publisher', 'subscription', 'service'):
+        for entity in getattr(node, f'{kind}s'):
             yield kind, entity
 
 

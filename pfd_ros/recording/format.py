@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from pfd_ros.text import cut, one_line
 
@@ -54,12 +53,6 @@ class LogError(ValueError):
 
 class OtherLogError(LogError):
     """The file may be a log, but it is not a recording of this edition."""
-
-
-def add_metadata(writer: Any, name: str, values: dict[str, str]) -> None:
-    """Write metadata after all messages so far, not before those of a chunk that is still open."""
-    writer.flush()
-    writer.add_metadata(name, values)
 
 
 @contextmanager

@@ -204,7 +204,13 @@ class Recorder:
             while self._queue and not self.error:
                 self._drain()
             if not self.error:
-                self._write_end()
+                if self._totals is not None:
+                    end: dict[str, Any] = {EndKey.TOTALS: self._totals}
+                    end |= {EndKey.RECORDED: self.recorded, EndKey.CRC: self._crc}
+                    texts = {key: json.dumps(value) for key, value in end.items()}
+                    self._writer.add_metadata(names.END, texts)
+                self._writer.finish()
+                self._sync()
         except Exception as error:  # a fault of the disk does not stop the arm
             known = isinstance(error, OSError) and error.strerror
             self.fail(f'{known}{READABLE}' if known else str(error) or type(error).__name__)
@@ -236,14 +242,6 @@ class Recorder:
                 self._bytes -= size
         self._writer.flush()
         self._size = self._stream.tell()
-
-    def _write_end(self) -> None:
-        end = {EndKey.TOTALS: self._totals, EndKey.RECORDED: self.recorded, EndKey.CRC: self._crc}
-        if self._totals is not None:
-            texts = {key: json.dumps(value) for key, value in end.items()}
-            names.add_metadata(self._writer, names.END, texts)
-        self._writer.finish()
-        self._sync()
 
     def _sync(self) -> None:
         """Bring the file to the disk; an error if another program has taken it."""

@@ -29,7 +29,7 @@ from mcap.writer import Writer
 
 from pfd_ros.files import new_file
 from pfd_ros.recording import mcap_records
-from pfd_ros.recording.format import LogError, add_metadata, damage_named
+from pfd_ros.recording.format import LogError, damage_named
 from pfd_ros.recording.mcap_records import Reader, opened, records_of, unpacked
 
 # Lost parts that are named: a damaged file may have any number.
@@ -68,7 +68,6 @@ def recover(source: Path, target: Path) -> Recovered:
 
 
 def _copy(stream: BinaryIO, written: BinaryIO) -> Recovered:
-    """Copy the readable records."""
     channels, schemas = dict[int, records.Channel](), dict[int, records.Schema]()
     profile, chunks = '', list[int]()
     with suppress(Exception):  # damage has as many exceptions as parsers
@@ -93,7 +92,6 @@ def _copy(stream: BinaryIO, written: BinaryIO) -> Recovered:
         return new_schemas.get(number)
 
     def channel_of(number: int) -> int | None:
-        """Return a channel of the new file, added at its first use; None if it is lost."""
         if number not in new_channels and number in channels:
             channel = channels[number]
             if (schema := schema_of(channel.schema_id)) is not None:
@@ -109,7 +107,8 @@ def _copy(stream: BinaryIO, written: BinaryIO) -> Recovered:
             channels[record.id] = record
             channel_of(record.id)
         elif isinstance(record, records.Metadata):
-            add_metadata(writer, record.name, record.metadata)
+            writer.flush()  # else it would come before the messages of the open chunk
+            writer.add_metadata(record.name, record.metadata)
         elif isinstance(record, records.Attachment):
             writer.flush()
             times = record.create_time, record.log_time

@@ -126,10 +126,8 @@ class TopicArrays(Fields):
     @property
     def time(self) -> NDArray[np.float64]:
         """The stamp [s], (N,); where there is none, the simulated time, or else the log time."""
-        if self.stamped:
-            assert self.stamp_ns is not None
-            return self.stamp_ns / NANOSECONDS
-        return self.simulated_time
+        stamp_ns = self.stamp_ns if self.stamped else None
+        return self.simulated_time if stamp_ns is None else stamp_ns / NANOSECONDS
 
     @property
     def simulated_time(self) -> NDArray[np.float64]:
@@ -187,7 +185,6 @@ class TopicReader:
             self._decode()
 
     def _decode(self) -> None:
-        """Decode the block and drop its bytes."""
         block, self._block, self._block_bytes = self._block, [], 0
         before = len(self._times)
         try:

@@ -54,7 +54,6 @@ class BagInputs:
         names: Sequence[str],
     ) -> None:
         self._log, self._commands, self._rename = renamed(log, rename), commands, rename
-        self._name = str(log.path)
         log.required(commands, JOINT_STATE, FLOAT_ARRAY)
         moving = log.of_type(JOINT_STATE).items()
         known = sorted(t for t, found in moving if np.isfinite(found.position).any())
@@ -78,14 +77,14 @@ class BagInputs:
         known = [name for name in names if name in states.names]
         if not known:
             raise LogError(
-                f'{self._name}: none of its joints {listed(states.names)} is one of the arm, '
+                f'{self._log.path}: none of its joints {listed(states.names)} is one of the arm, '
                 f'which has {listed(names)}; --rename OLD=NEW replaces the beginning of names'
             )
         # Several publishers may name some of the joints each.
         held = {name: np.isfinite(states.position[:, states.names.index(name)]) for name in known}
         known = [name for name in known if held[name].any()]
         if not known:
-            raise LogError(f'{self._name}: topic {cut(self.topic)!r} has no positions of them')
+            raise LogError(f'{self._log.path}: topic {cut(self.topic)!r} has no positions of them')
         last = max(int(held[name].argmax()) for name in known)
         rows = [int(np.flatnonzero(held[name][: last + 1])[-1]) for name in known]
         columns = [states.names.index(name) for name in known]
@@ -101,7 +100,7 @@ class BagInputs:
         gaps = np.diff(every[every >= self.start_ns]) / NANOSECONDS
         if len(gaps) and gaps.max() > LONGEST_GAP:
             raise LogError(
-                f'{self._name}: no message for {gaps.max():.0f} s, expected {LONGEST_GAP:.0f} '
+                f'{self._log.path}: no message for {gaps.max():.0f} s, expected {LONGEST_GAP:.0f} '
                 's at most: its clock was changed'
             )
         step_ns = engine.state.first.step_ns
@@ -118,10 +117,10 @@ class BagInputs:
         """Raise LogError if an arm took no command, or could not be set to the first state."""
         if run.first_rejected.startswith('cycle 1:'):
             why = run.first_rejected.removeprefix('cycle 1: ')
-            raise LogError(f'{self._name}: its first state cannot be set: {why}')
+            raise LogError(f'{self._log.path}: its first state cannot be set: {why}')
         if not run.accepted:
             raise LogError(
-                f'{self._name}: no message on {cut(self._commands)!r} has efforts for the '
+                f'{self._log.path}: no message on {cut(self._commands)!r} has efforts for the '
                 f'joints of the arm: {dict(run.rejected)}'
             )
 

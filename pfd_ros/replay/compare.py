@@ -10,7 +10,7 @@ value. Simulated clocks have no lag; of others it is estimated from the position
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from itertools import product
 import math
 from typing import Any, NamedTuple
@@ -363,7 +363,7 @@ def difference(place: tuple[str, str, str], curve: Curve, tolerance: float) -> D
 
 def as_json(found: Comparison) -> dict[str, Any]:
     """Return a comparison without its curves, ready for JSON."""
-    values = {f.name: getattr(found, f.name) for f in fields(found) if f.name != 'curves'}
+    values = {name: value for name, value in vars(found).items() if name != 'curves'}
     differences = [asdict(item) for item in found.differences]
     return {'within': found.within, **values, 'differences': differences}
 

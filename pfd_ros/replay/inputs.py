@@ -75,9 +75,8 @@ class Run:
     def count(self, role: str, verdict: Verdict, cycle: int, broke: str = '') -> None:
         """Count an input that a cycle takes, by its result, and that of the log in `broke`."""
         self.accepted += verdict.accepted and role in events.COMMANDS
-        label = (
-            '' if verdict.accepted or verdict.label == events.UNCLAIMED.label else verdict.label
-        )
+        fine = verdict.accepted or verdict.label == events.UNCLAIMED.label
+        label = '' if fine else verdict.label
         if bool(label) != bool(broke):
             self.rejected[label or 'accepted'] += 1
             why = f' ({cut(verdict.detail, 200)})' if verdict.detail else ''

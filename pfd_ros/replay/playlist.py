@@ -138,36 +138,30 @@ def playlist(path: Path, options: PlayOptions, stopped: Callable[[], bool]) -> P
     timed = [min(x) for name, x in times.items() if not topics[name].qos.transient_local]
     ordered = np.sort(np.concatenate([np.array(x, np.int64) for x in times.values()]))
     ordered = ordered[ordered >= min(timed, default=0)]
-    window = _window(path, options, int(ordered[0]), int(ordered[-1]))
-    length, count = (ordered[-1] - ordered[0]) / NANOSECONDS, sum(map(len, times.values()))
+    first_ns, last_ns = int(ordered[0]), int(ordered[-1])
+    length, count = (last_ns - first_ns) / NANOSECONDS, sum(map(len, times.values()))
+    if options.start_offset > length:
+        raise ValueError(f'start offset {options.start_offset:g} s: {path} lasts {length:g} s')
+    begin_ns = min(first_ns + round(options.start_offset * NANOSECONDS), last_ns)
+    end_ns = last_ns + 1
+    if options.duration < length:
+        end_ns = min(end_ns, begin_ns + max(1, round(options.duration * NANOSECONDS)))
     lines.insert(0, f'{path}: {length:.3f} s, {count} messages of {len(topics)} topics')
     if not bag.complete:
         lines.append('the log was cut off; it is published up to the cut')
     gaps = np.diff(ordered)
     if len(gaps) and gaps.max() > GAP_NS:
-        at = (ordered[gaps.argmax()] - ordered[0]) / NANOSECONDS
+        at = (ordered[gaps.argmax()] - first_ns) / NANOSECONDS
         lines.append(f'longest gap of the log: {gaps.max() / NANOSECONDS:.3f} s after {at:.3f} s')
     tick_ns = None
     if options.clock_hz is not None:
         if any(topic.published == CLOCK for topic in topics.values()):
             lines.append(f'Ignoring --clock: the log contains {CLOCK}')
-        elif window.end_ns > CLOCK_NS:
-            raise ValueError(f'log times up to {window.end_ns} ns exceed the range of {CLOCK}')
+        elif end_ns > CLOCK_NS:
+            raise ValueError(f'log times up to {end_ns} ns exceed the range of {CLOCK}')
         else:
             tick_ns = round(NANOSECONDS / options.clock_hz)
-    return Playlist(bag, topics, window, tick_ns, late_ns, lines)
-
-
-def _window(path: Path, options: PlayOptions, first_ns: int, last_ns: int) -> Window:
-    """Return the log times from an offset [s] on; ValueError if there is nothing to play."""
-    length = (last_ns - first_ns) / NANOSECONDS
-    if options.start_offset > length:
-        raise ValueError(f'start offset {options.start_offset:g} s: {path} lasts {length:g} s')
-    begin = min(first_ns + round(options.start_offset * NANOSECONDS), last_ns)
-    end = last_ns + 1
-    if options.duration < length:
-        end = min(end, begin + max(1, round(options.duration * NANOSECONDS)))
-    return Window(first_ns, begin, end)
+    return Playlist(bag, topics, Window(first_ns, begin_ns, end_ns), tick_ns, late_ns, lines)
 
 
 def choose(

@@ -28,14 +28,14 @@ from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.exceptions import NameValidationException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
 from pfd_ros.messages.cdr import NANOSECONDS
-from pfd_ros.messages.qos import MOST_DEPTH, Qos
+from pfd_ros.messages.matching import profile_of
 from pfd_ros.messages.topics import message_class
 from pfd_ros.messages.values import encode_clock
 from pfd_ros.recording.bags import BagMessage
@@ -84,8 +84,6 @@ def _say(line: str) -> None:
 
 
 class _Player:
-    """The node, its publishers and the schedule."""
-
     def __init__(self, found: Playlist, options: PlayOptions, stopped: Callable[[], bool]) -> None:
         self.node = Node(NAME)
         self._found, self._loop, self._stopped = found, options.loop, stopped
@@ -203,10 +201,8 @@ class _Player:
         self._late += late > LATE_NS
 
     def _say_jump(self, from_ns: int, to_ns: int, loop: int | None) -> None:
-        back, label = (
-            'back ' if to_ns < from_ns else '',
-            'seek' if loop is None else f'loop {loop}',
-        )
+        back = 'back ' if to_ns < from_ns else ''
+        label = 'seek' if loop is None else f'loop {loop}'
         _say(f'{label}: jumped {back}from {self._seconds(from_ns)} to {self._seconds(to_ns)}')
 
     def _wait_for_readers(self) -> None:
@@ -264,13 +260,3 @@ class _Player:
         except ValueError as error:
             return SetParametersResult(successful=False, reason=one_line(error))
         return SetParametersResult(successful=True)
-
-
-def profile_of(qos: Qos) -> QoSProfile:
-    """Return a QoS profile of rclpy; `keep_all` could block, so it is a large depth."""
-    reliable, durable = ReliabilityPolicy, DurabilityPolicy
-    return QoSProfile(
-        depth=MOST_DEPTH if qos.keep_all else qos.depth,
-        reliability=reliable.RELIABLE if qos.reliable else reliable.BEST_EFFORT,
-        durability=durable.TRANSIENT_LOCAL if qos.transient_local else durable.VOLATILE,
-    )

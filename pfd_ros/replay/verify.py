@@ -55,20 +55,15 @@ def verify(path: Path | str) -> Verified:
     """
     log = Log(path)
     with damage_named(log.path):
-        engine = recorded_engine(log)
+        text = log.description
+        frames = link_frames(text, log.settings, log.robot) if text else None
+        engine = Engine(log.settings, log.robot, log.topics, frames)
         program = engine.plant.program  # a payload may change it
         try:
             return _verified(log, engine)
         except DifferenceError as error:
             why = cause(log.versions, program, altered=_altered(log))
             raise DifferenceError(one_line(f'{log.path}: {error}; {why}', 2000)) from None
-
-
-def recorded_engine(log: Log) -> Engine:
-    """Return the engine of a recording at the start of its run."""
-    text = log.description
-    frames = link_frames(text, log.settings, log.robot) if text else None
-    return Engine(log.settings, log.robot, log.topics, frames)
 
 
 def _verified(log: Log, engine: Engine) -> Verified:

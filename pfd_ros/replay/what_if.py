@@ -13,7 +13,7 @@ controller computes the commands, and the other inputs stay.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 import os
 from pathlib import Path
 import tempfile
@@ -234,7 +234,6 @@ def _new_states(case: Case, path: Path) -> _States:
 
 
 def _rounded_states(case: Case, engine: Engine, drive: Drive | None) -> _States:
-    """Return the states of the rounding run."""
     first = engine.state.first
     start = one_bit(np.array(first.initial_positions or (0.0,) * case.robot.n))
     other = _engine(case, replace(first, initial_positions=tuple(start.tolist())))
@@ -343,7 +342,7 @@ def _recorded_run(
 def as_json(found: WhatIf) -> dict[str, Any]:
     """Return a result without settings and curves, ready for JSON."""
     left_out = {'settings', 'curves', 'error', 'accepted', 'failed_ns'}
-    values = {f.name: getattr(found, f.name) for f in fields(found) if f.name not in left_out}
+    values = {name: value for name, value in vars(found).items() if name not in left_out}
     return values | {
         'source': str(found.source),
         'log': str(found.log),

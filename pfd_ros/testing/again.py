@@ -15,7 +15,7 @@ cycle that sets the arm and has no command is that of a test between two runs: n
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 import importlib
 from operator import attrgetter
@@ -42,7 +42,7 @@ from pfd_ros.replay.inputs import Fed, Put, Run
 from pfd_ros.replay.what_if import Case, Drive, what_if
 from pfd_ros.testing import loop
 from pfd_ros.testing.loop import ArmError, CallbackLink, Command, Controller, Link
-from pfd_ros.testing.patience import PATIENCE_SECONDS, START_PATIENCE_SECONDS
+from pfd_ros.testing.patience import PATIENCE_SECONDS, START_PATIENCE_SECONDS, Watch
 from pfd_ros.testing.process import ControllerProcess
 from pfd_ros.testing.trajectory import Limits, Trajectory
 from pfd_ros.text import cut, did_you_mean, one_line
@@ -125,12 +125,15 @@ def closed_loop(controller: Controller | str = '', process: str = '') -> Drive:
                 arm.step()
             # The log ends the run; cycles that set the arm are less than a period.
             left = (arm.last - state.cycle) * state.first.step_ns / NANOSECONDS
-            if words:
-                context: AbstractContextManager[Link] = _process(words, case, engine)
-            else:
-                law = named_controller(controller) if isinstance(controller, str) else controller
-                context = CallbackLink(law, engine.names, PATIENCE_SECONDS)
-            with context as link:
+            with ExitStack() as ends:
+                if words:
+                    link: Link = ends.enter_context(_process(words, case, engine))
+                else:
+                    law = controller
+                    if isinstance(law, str):
+                        law = named_controller(law)
+                    watch = ends.enter_context(Watch(PATIENCE_SECONDS))
+                    link = CallbackLink(law, engine.names, watch)
                 notes = link.notes
                 loop.run(arm, link, left + (len(arm.alone) + 1) * arm.period, arm.rejected)
         except (_OverError, ArmError):

@@ -48,7 +48,7 @@ from pfd_ros.testing.loop import (
     run,
     seconds_of,
 )
-from pfd_ros.testing.patience import PATIENCE_SECONDS, START_PATIENCE_SECONDS
+from pfd_ros.testing.patience import PATIENCE_SECONDS, START_PATIENCE_SECONDS, Watch
 from pfd_ros.testing.process import check_words, plain
 from pfd_ros.testing.trajectory import Trajectory, checked_numbers
 from pfd_ros.text import cut, did_you_mean
@@ -191,8 +191,8 @@ class LockstepArm:
         for each joint: the arm keeps the state passed to it. ArmError if the state does not stay
         finite.
         """
-        with CallbackLink(controller, self.names, patience) as link:
-            return run(self, link, seconds)
+        with Watch(patience) as watch:
+            return run(self, CallbackLink(controller, self.names, watch), seconds)
 
     def spin(
         self,

@@ -10,7 +10,7 @@ above 101 would need ports of the range that the system gives to outgoing connec
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 import errno
 import importlib
 import os
@@ -75,11 +75,13 @@ def own_domain(start: int | None = None, avoided: str = '') -> Iterator[int]:
     begin, count = os.getpid() if start is None else start, LAST - FIRST + 1
     for step in range(count):
         domain = FIRST + (begin + step) % count
-        if str(domain) == avoided or inhabited(domain):
+        if str(domain) == avoided:
             continue
-        with closing(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)) as claim:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as claim:
             try:
                 claim.bind(f'\0pfd_ros_domain_{domain}')
+                with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
+                    participant.bind(('', PORT_BASE + PORT_GAIN * domain + PARTICIPANT_PORT))
             except OSError as error:
                 if error.errno != errno.EADDRINUSE:
                     raise
@@ -87,16 +89,6 @@ def own_domain(start: int | None = None, avoided: str = '') -> Iterator[int]:
             yield domain
             return
     raise OSError(f'all ROS domains from {FIRST} to {LAST} are taken')
-
-
-def inhabited(domain: int) -> bool:
-    """Return whether some participant of this host is in a domain."""
-    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe:
-        try:
-            probe.bind(('', PORT_BASE + PORT_GAIN * domain + PARTICIPANT_PORT))
-        except OSError:
-            return True
-    return False
 
 
 @contextmanager

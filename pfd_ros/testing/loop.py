@@ -182,25 +182,19 @@ def checked_reasons(given: Collection[str]) -> frozenset[str]:
 
 
 class CallbackLink:
-    """A controller that is called with each state; the arrays are its own."""
+    """A controller that is called with each state; the arrays are its own.
+
+    `watch` is a context around the runs.
+    """
 
     silent = True
 
-    def __init__(self, controller: Controller, names: Sequence[str], patience: float) -> None:
-        self._controller, self._names, self._watch = controller, names, Watch(patience)
+    def __init__(self, controller: Controller, names: Sequence[str], watch: Watch) -> None:
+        self._controller, self._names, self._watch = controller, names, watch
         numbers = np.zeros(len(names))
         self._head = encode_floats(numbers)[: -numbers.nbytes]
         self._answers, self._efforts = 0, np.empty(0)
         self.seconds, self.notes = math.nan, list[str]()
-
-    def __enter__(self) -> CallbackLink:
-        """Begin to watch the controller."""
-        self._watch.__enter__()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        """Watch no longer."""
-        self._watch.__exit__()
 
     def answer(
         self, messages: Sequence[Message], time: float, measured: Array

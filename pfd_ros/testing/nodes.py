@@ -354,7 +354,6 @@ class NodeLink:
         )
 
     def _missing(self, others: Sequence[tuple[str, str]], matched: Sequence[int]) -> Iterator[str]:
-        """Yield what the run still needs."""
         ends, roles = self._ends, [role for role, _ in others]
         for role in (STATES, CLOCK):
             if roles.count(f'publisher of {role}') > 1:
@@ -395,7 +394,7 @@ class NodeLink:
                 sent[role] = time_ns()
                 self._ends.publishers[role].publish(data)
                 self._settle(role, stamp_ns)
-        if STATES in sent and CLOCK not in self._read:
+        if STATES in sent and CLOCK not in self._read and not self._came:
             self._wait_for_answer()
         now = perf_counter()
         if now - self._looked > LOOK_SECONDS:
@@ -441,8 +440,6 @@ class NodeLink:
 
     def _wait_for_answer(self) -> None:
         """Wait for a command to a state; without a clock nothing else can make a node command."""
-        if self._came:
-            return
         deadline = perf_counter() + self._patience
         # Timers on wall time are looked at between.
         look = LOOK_SECONDS / 50 if self._timers else LOOK_SECONDS
@@ -451,10 +448,9 @@ class NodeLink:
             self._drain()
             self._check_processes()
             if perf_counter() > deadline:
-                never = f'{self._commanders()} never published a command'
-                said = (
-                    f'commands stopped after {self._answers} answers' if self._answers else never
-                )
+                said = f'commands stopped after {self._answers} answers'
+                if not self._answers:
+                    said = f'{self._commanders()} never published a command'
                 raise NoAnswerError(
                     f'no answer for {self._patience:g} s to the state at t = {self._time:.6g} s: '
                     f'{said}, and the nodes have finished their callbacks{self._outputs()}'

@@ -60,7 +60,6 @@ class Watch:
         self._before: Any = None
 
     def __enter__(self) -> Watch:
-        """Begin to watch."""
         if threading.current_thread() is threading.main_thread():
             self._before = signal.signal(SIGNAL, self._interrupt)
             self._ended = threading.Event()
@@ -71,7 +70,6 @@ class Watch:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Watch no longer."""
         self.since = 0.0
         if self._ended is not None:
             signal.signal(SIGNAL, self._before or signal.SIG_DFL)
@@ -117,14 +115,10 @@ class Watch:
 def stack_of(frame: FrameType | None) -> str:
     """Return the stack of a controller, innermost call last, without the frames of its caller."""
     frames: list[FrameType] = []
-    while frame is not None and not _module(frame).startswith(OURS):
+    while frame is not None and not frame.f_globals.get('__name__', '').startswith(OURS):
         frames.insert(0, frame)
         frame = frame.f_back
-    while frames and _module(frames[0]).startswith(EXECUTOR):
+    while frames and frames[0].f_globals.get('__name__', '').startswith(EXECUTOR):
         del frames[0]
     summary = traceback.StackSummary.extract((f, f.f_lineno) for f in frames[-MOST_FRAMES:])
     return ''.join(summary.format()).rstrip()
-
-
-def _module(frame: FrameType) -> str:
-    return str(frame.f_globals.get('__name__', ''))

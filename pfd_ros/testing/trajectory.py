@@ -154,9 +154,7 @@ class Trajectory:
 
     def torque_rate(self) -> Array:
         """Return the largest rate of change of the effort of each joint (n,), N m/s or N/s."""
-        if len(self.time) < 2:
-            return np.zeros(len(self.names))
-        return np.array([metrics.rates(self.time, tau).max() for tau in self.tau.T])
+        return np.array([metrics.rates(self.time, tau).max(initial=0.0) for tau in self.tau.T])
 
     def computation_time(self) -> ComputationTime:
         """Return median, 99th percentile and maximum of `compute_time`; ValueError without one."""

@@ -28,10 +28,9 @@ from pfd_ros.text import one_line
 
 
 class Row(NamedTuple):
-    """The assertion that a kind of finding breaks, or why there is none."""
+    """The assertion that a kind of finding breaks, '' if there is none."""
 
     code: str = ''
-    why: str = ''
     simulated: bool = True  # whether a simulation of the arm may show it
 
 
@@ -45,16 +44,12 @@ ASSERTIONS: dict[str, Row] = {
     **dict.fromkeys(('not finite', 'gap', 'diagnostics'), Row(_ABSENT, simulated=False)),
     **dict.fromkeys(('rejected input', 'reflex', 'watchdog'), Row(_ABSENT)),
     'failure': Row('assert not motion.stopped'),
-    'event': Row(why='it is no fault'),
+    'event': Row(),  # no fault
     **dict.fromkeys(FAULTS, Row(_ABSENT)),
     UNCOMMANDED: Row('assert motion.commanded[motion.index({joint!r})], {kind!r}'),
-    **dict.fromkeys(
-        ('decaying oscillation', 'offset', 'tracking', 'motion'),
-        Row(why='a log holds no bound beyond which it is a fault'),
-    ),
-    **dict.fromkeys(
-        ('end stop', 'torque limit', 'first limit'), Row(why='a limit is a finding by itself')
-    ),
+    # A log holds no bound beyond which these are faults, and a limit is a finding by itself.
+    **dict.fromkeys(('decaying oscillation', 'offset', 'tracking', 'motion'), Row()),
+    **dict.fromkeys(('end stop', 'torque limit', 'first limit'), Row()),
 }
 
 
@@ -125,7 +120,7 @@ def _source(
 ) -> str:
     """Return the text of a test; of the log it has reprs, and a comment of one line."""
     log, (module, _, attribute) = run.log.path, controller.partition(':')
-    code, _, simulated = ASSERTIONS[first.kind]
+    code, simulated = ASSERTIONS[first.kind]
     simulated = simulated and bool(run.settings)
     named = str(Path(robot).resolve()) if Path(robot).is_file() else robot
     more = f', robot={named!r}' if robot and not simulated else ''

@@ -52,12 +52,8 @@ def load_model(node: Node, settings: Settings, stopped: Callable[[], bool]) -> D
 def wait_for_description(node: Node, seconds: float, stopped: Callable[[], bool]) -> pfd.Urdf:
     """Return the URDF that another node publishes as `robot_description`.
 
-    A separate node subscribes, so that any thread can spin it.
-
-    Raises
-    ------
-    ValueError
-        If no description is received in time, or it is not a URDF.
+    A separate node subscribes, so that any thread can spin it. ValueError if no description is
+    received in time, or it is not a URDF.
     """
     topic, received = node.resolve_topic_name(DESCRIPTION), list[bytes]()
     node.get_logger().info(f'waiting for the model on {topic} (std_msgs/msg/String)')

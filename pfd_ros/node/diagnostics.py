@@ -75,16 +75,6 @@ def compiled_scene(plant: Plant) -> pfd.Scene:
     return replace(plant.scene, payload=INPUT) if plant.inputs else plant.scene
 
 
-def control_period(published: float, simulated: float, commands: float) -> float:
-    """Return the time from one command to the next [s], of the commands in a simulated time [s].
-
-    It is that of the published states, or a multiple of it: a controller may answer fewer.
-    """
-    if commands < FEWEST_COMMANDS:
-        return published
-    return published * max(1, round(simulated / (published * commands)))
-
-
 class MassKernels:
     """Inertia matrix, energy and error of the accelerations of an arm in one scene, compiled.
 
@@ -202,8 +192,10 @@ class ArmDiagnostics:
                 self._kernels = MassKernels(engine, plant)
         kernels = self._kernels
         kinetic, potential = kernels.energy(q, qd, **payload)
-        published = settings.publish_every * settings.step_ns / NANOSECONDS
-        period = control_period(published, new['simulated'], new['accepted'])
+        period = settings.publish_every * settings.step_ns / NANOSECONDS
+        if new['accepted'] >= FEWEST_COMMANDS:
+            # A controller may answer fewer states than are published.
+            period *= max(1, round(new['simulated'] / (period * new['accepted'])))
         speed = speed_of(engine)
         values = {
             'robot': settings.robot,

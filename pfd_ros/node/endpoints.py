@@ -108,21 +108,10 @@ def create_endpoints(
 ) -> Endpoints:
     """Create a publisher for each output and a subscription for each input among some roles.
 
-    Parameters
-    ----------
-    node, roles
-        Of the arm.
-    topics
-        Role -> its topic, where it differs from the table.
-    receive
-        Called with role and bytes of each message, on the executor's thread.
-    depth
-        Of the subscriptions, 0 for the default.
-
-    Raises
-    ------
-    ValueError
-        If a topic has an invalid name, two roles, or another type in the graph.
+    `topics` has, by role, topics that differ from the table. `receive` is called with role and
+    bytes of each message, on the executor's thread, and `depth` is that of the subscriptions, 0
+    for the default. ValueError if a topic has an invalid name, two roles, or another type in the
+    graph.
     """
     ends = Endpoints(node, {}, {})
     names: dict[str, str] = {}

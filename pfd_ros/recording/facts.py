@@ -82,10 +82,8 @@ def _run(log: LogArrays, settings: Mapping[str, Any]) -> dict[str, Any]:
             rejected[kind] += int(rest.split()[0]) if role == REJECTED_COUNTS else 1
     cycles = log.end.get(EndKey.TOTALS, {}).get('cycles')
     if cycles is None:
-        last = [
-            int(x.cycle[-1]) for x in map(log.__getitem__, read) if x.cycle is not None and len(x)
-        ]
-        cycles = max(last, default=0)
+        of_topics = [log[topic].cycle for topic in read]
+        cycles = max((int(x[-1]) for x in of_topics if x is not None and len(x)), default=0)
     return {
         'robot': settings['robot'],
         'cycles': cycles,

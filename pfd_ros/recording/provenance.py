@@ -5,11 +5,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 import platform
+import re
 import subprocess
 
 import pfd_core as pfd
@@ -29,12 +31,11 @@ def versions() -> dict[str, str]:
 
 
 def _processor() -> str:
-    try:
-        lines = Path('/proc/cpuinfo').read_text(encoding='utf-8', errors='replace').splitlines()
-    except OSError:
-        return platform.processor()
-    names = [line.partition(':')[2].strip() for line in lines if line.startswith('model name')]
-    return names[0] if names else platform.processor()
+    with suppress(OSError):
+        text = Path('/proc/cpuinfo').read_text(encoding='utf-8', errors='replace')
+        if name := re.search(r'^model name\s*:(.*)', text, re.MULTILINE):
+            return name[1].strip()
+    return platform.processor()
 
 
 @cache

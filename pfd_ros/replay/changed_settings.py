@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import replace
 import json
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import pfd_core as pfd
 from pfd_ros.arm.description import described_robot
@@ -36,6 +36,8 @@ from pfd_ros.recording.log import Log
 from pfd_ros.replay.inputs import published_names
 from pfd_ros.text import cut, did_you_mean, listed
 
+# Settings and robot after changes, and its URDF if it is another robot, else ''.
+ChangedArm: TypeAlias = tuple[Settings, pfd.Robot, str]
 # Settings that only a robot read from a file or a name has.
 MODEL = ('base_link', 'tip_link', 'locked', 'locked_positions', 'ros2_control', 'xacro_args')
 # Settings whose values need no quotes.
@@ -56,14 +58,6 @@ class Changes(NamedTuple):
 
     values: dict[str, Any]
     of_joints: dict[str, dict[str, float]]
-
-
-class ChangedArm(NamedTuple):
-    """Settings and robot after changes, and its URDF if it is another robot, else ''."""
-
-    settings: Settings
-    robot: pfd.Robot
-    urdf: str = ''
 
 
 def read_changes(words: Sequence[str]) -> Changes:
@@ -122,7 +116,7 @@ def changed_arm(log: Log, changes: Changes) -> ChangedArm:
     """Return the arm of a recording after changes; ValueError if they do not go with it."""
     values, of_joints = changes
     old = _with_scene(log.settings, changes)
-    settings, robot, urdf = ChangedArm(old, log.robot)
+    settings, robot, urdf = old, log.robot, ''
     if 'robot' in values:
         settings, robot, urdf = _other_robot(log, old, values)
     else:
@@ -144,7 +138,7 @@ def changed_arm(log: Log, changes: Changes) -> ChangedArm:
     for field, given in numbers.items():
         kept = {joint: number for joint, number in given.items() if joint in moving}
         numbers[field] = kept | of_joints.get(field, {})
-    return ChangedArm(with_joint_numbers(settings, robot, {**of_joints, **numbers}), robot, urdf)
+    return with_joint_numbers(settings, robot, {**of_joints, **numbers}), robot, urdf
 
 
 def described_arm(changes: Changes) -> ChangedArm:
@@ -155,7 +149,7 @@ def described_arm(changes: Changes) -> ChangedArm:
     found = described_robot(settings, settings.robot)
     settings = with_scene_text(found.settings)
     settings = with_joint_numbers(settings, found.robot, changes.of_joints)
-    return ChangedArm(settings, found.robot, _text(lambda: found.text))
+    return settings, found.robot, _text(lambda: found.text)
 
 
 def _other_robot(log: Log, settings: Settings, values: Mapping[str, Any]) -> ChangedArm:
@@ -183,7 +177,7 @@ def _other_robot(log: Log, settings: Settings, values: Mapping[str, Any]) -> Cha
     order = names if keeps else ()
     at = tuple(its.get(joint, 0.0) for joint in order or moving)
     settings = replace(found.settings, joints=order, initial_positions=at if any(at) else ())
-    return ChangedArm(settings, new, _text(lambda: found.text))
+    return settings, new, _text(lambda: found.text)
 
 
 def _given(settings: Settings, robot: pfd.Robot, changes: Changes) -> dict[str, dict[str, float]]:

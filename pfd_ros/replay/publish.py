@@ -15,7 +15,6 @@ setting a parameter is answered with a reason.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-import math
 from pathlib import Path
 import time
 from typing import Any
@@ -34,6 +33,7 @@ from rclpy.utilities import try_shutdown
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
+from pfd_ros.arm.setting_fields import typed
 from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.matching import profile_of
 from pfd_ros.messages.topics import message_class
@@ -245,9 +245,7 @@ class _Player:
         given = {item.name: item.value for item in parameters if item.name in ('rate', 'seek_to')}
         try:
             for name, value in given.items():
-                number = isinstance(value, int | float) and not isinstance(value, bool)
-                if not number or not math.isfinite(value):
-                    raise ValueError(f'{name} is {cut(repr(value))}, expected a finite number')
+                given[name] = typed(name, value, 'float')
             low, high = RATES
             if not low <= given.get('rate', low) <= high:
                 raise ValueError(f'rate is {given["rate"]:g}, expected {low:g} to {high:g}')
@@ -255,7 +253,7 @@ class _Player:
             if 'seek_to' in given:
                 self._schedule.seek(now, self._found.window.at(given['seek_to']))
             if 'rate' in given:
-                self._schedule.set_rate(now, float(given['rate']))
+                self._schedule.set_rate(now, given['rate'])
                 _say(f'rate {given["rate"]:g} from {self._position()} on')
         except ValueError as error:
             return SetParametersResult(successful=False, reason=one_line(error))

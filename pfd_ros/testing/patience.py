@@ -90,26 +90,23 @@ class Watch:
             self._before(number, frame)
 
     def _run(self, ended: threading.Event) -> None:
-        looked, looks = 0.0, 0
+        main, looked, looks = threading.main_thread().ident, 0.0, 0
+        assert main is not None
         while not ended.wait(LOOK_SECONDS):
             since = self.since
             looks, looked = (looks + 1 if since == looked else 0), since
             waited = time.perf_counter() - since
             seen = looks * LOOK_SECONDS > WATCHED * self.patience
-            if since and waited > self.patience and seen:
-                self._end_turn(since)
-                if waited > 2.0 * self.patience and self.stack:
-                    self._wake()
-
-    def _end_turn(self, since: float) -> None:
-        main = threading.main_thread().ident
-        assert main is not None
-        stack = stack_of(sys._current_frames().get(main))
-        # Without a frame of the controller it is an executor that waits.
-        if stack and self.since == since:
-            self.stack, self._blocked = self.stack or stack, since
-            # Again with each look: a controller may have caught the last one.
-            signal.pthread_kill(main, SIGNAL)
+            if not (since and waited > self.patience and seen):
+                continue
+            stack = stack_of(sys._current_frames().get(main))
+            # Without a frame of the controller it is an executor that waits.
+            if stack and self.since == since:
+                self.stack, self._blocked = self.stack or stack, since
+                # Again with each look: a controller may have caught the last one.
+                signal.pthread_kill(main, SIGNAL)
+            if waited > 2.0 * self.patience and self.stack:
+                self._wake()
 
 
 def stack_of(frame: FrameType | None) -> str:

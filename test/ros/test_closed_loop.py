@@ -531,7 +531,7 @@ def test_every_kind_of_finding_has_its_assertion_or_none():
     assert {*FINDING_ASSERTIONS} == {*FINDING_KINDS, *SYMPTOM_KINDS}
     tested = {kind for _, kind, _, _ in WRITTEN.values()} | {kind for _, kind, _ in WRONG.values()}
     # A limit of positions is as that of velocities; diagnostics are as other logs' gaps.
-    asserted = {kind for kind, row in FINDING_ASSERTIONS.items() if row.code}
+    asserted = {kind for kind, code in FINDING_ASSERTIONS.items() if code}
     assert asserted - tested == {'position limit', 'diagnostics'}
 
 

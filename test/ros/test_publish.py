@@ -385,10 +385,10 @@ def test_a_paused_log_steps_seeks_and_resumes(processes, peer_of, tmp_path):
     assert listener.on(MAP) == [map_(k) for k in (0, 3, 0)]
     assert 'seek: jumped back from 3.000 s to 0.500 s' in player.text()
     assert step(peer) == (True, '/words at 1.000 s')
-    for outside in (5.5, 1e300, -1e300, 2**62):
+    for outside in (5.5, 1e300, -1e300, 2**62, float('nan')):
         assert 'outside of the log, expected 0 to 5 s' in set_parameter(peer, 'seek_to', outside)
-    for wrong in ('soon', True, float('nan')):
-        assert 'expected a finite number' in set_parameter(peer, 'seek_to', wrong)
+    for wrong in ('soon', True):
+        assert 'expected a number' in set_parameter(peer, 'seek_to', wrong)
     # A request that rclpy cannot answer does not end the player.
     client = peer.node.create_client(SetParameters, '/log_player/set_parameters')
     unknown = Parameter(name='rate', value=ParameterValue(type=200))

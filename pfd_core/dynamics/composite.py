@@ -105,9 +105,6 @@ def _column(chain: Chain, j: int, first: int) -> list[float]:
     return torques(chain, [0.0] * n, unit, first, loads=False)
 
 
-# H = L' D L, and its solution.
-
-
 class Factors(NamedTuple):
     """H = L' D L."""
 
@@ -174,9 +171,6 @@ def solution(factors: Factors, y: Sequence[Lanes]) -> list[Lanes]:
         if factors.free is not None:
             x[k] = where(factors.free[k], x[k], 0.0)
     return x
-
-
-# Programs.
 
 
 def record_by_matrix(

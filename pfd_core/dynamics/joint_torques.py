@@ -68,8 +68,8 @@ def record_joint_torques(plant: Plant) -> Program:
 
 def stored_energies(plant: Plant, q: Sequence[Lanes]) -> Iterator[Lanes]:
     """Yield the potential energy [J] of each joint and effect, from n numbers q on one lane."""
-    for effect in _acting(plant):
-        if effect.potential is not None:
+    for effect in EFFECTS:
+        if effect.field in plant.effects and effect.potential is not None:
             for x, c in zip(q, _constants(effect, plant, q), strict=True):
                 yield effect.potential(c, x)
 
@@ -82,17 +82,13 @@ def _terms(
     numbers, joints = Numbers(recorder, plant), _joints(plant, qd)
     if plant.viscosity is not None:
         yield map(operator.mul, (numbers('viscosity', row) for row in joints), qd)
-    for effect in _acting(plant):
-        if effect.torque is not None:
+    for effect in EFFECTS:
+        if effect.field in plant.effects and effect.torque is not None:
             row = len(qd) == 1 and recorder.lanes > 1
             q = [recorder.input_row('q')] if row else recorder.input_list('q', len(qd))
             yield map(effect.torque, _constants(effect, plant, qd), q, qd)
     if plant.inertia is not None and qdd is not None:
         yield map(operator.mul, (numbers('inertia', row) for row in joints), qdd)
-
-
-def _acting(plant: Plant) -> Iterator[Effect]:
-    return (effect for effect in EFFECTS if effect.field in plant.effects)
 
 
 def _joints(plant: Plant, like: Sequence[Lanes]) -> NDArray[np.int64]:

@@ -103,8 +103,7 @@ def _grouped_numbers(links: Sequence[Link]) -> Array:
     scale[:, 1:4] = np.abs(exact[:, 1:4]).max(axis=1, keepdims=True)
     scale[:, 4:] = np.abs(exact[:, 9:])
     near = np.abs(rounded - exact) <= KEPT * np.maximum(np.abs(exact), scale)
-    kept: Array = np.where(near, rounded, exact)
-    return kept
+    return np.where(near, rounded, exact)
 
 
 def _grouped(links: Sequence[Link], number: Callable[[float], Any]) -> Array:

@@ -124,11 +124,7 @@ def _with_values(stacked: Plant, change: Callable[[Array], Array]) -> Plant:
 
 def _common(values: Array) -> Array:
     """Return the numbers that all arms have in common, NaN for those that differ."""
-    common: Array = np.where((values == values[0]).all(axis=0), values[0], np.nan)
-    return common
-
-
-# Checks of the values that are given.
+    return np.where((values == values[0]).all(axis=0), values[0], np.nan)
 
 
 def _checked(

@@ -98,10 +98,16 @@ def record_answer(plant: Plant, method: str, steps: int, dtype: str) -> Program:
         return program
     recorder = Recorder(1, 'sequential')
     results = inline(recorder, program, {})
-    small = inline(recorder, record_small_correction(plant), {'qdd': results['qdd']})['small']
+    solve = solver(recorder, plant, 'composite_body')
+    found = inline(recorder, record_residual(plant), {'qdd': results['qdd']})
+    delta, y = (solve(found[x])['qdd'] for x in ('residual', 'tau'))
     with recorder.section('convergence'):
+        change = _size(delta)
+        excess = change - CORRECTION * (_size(results['qdd']) + _size(y))
+        # 1/(1 + change) is above zero for finite numbers only.
+        small = where(excess, 0.0, where(1.0 / (1.0 + change), 1.0, 0.0))
         results['qdd'] = [
-            where(results['converged'][0], where(small[0], value, math.nan), math.nan)
+            where(results['converged'][0], where(small, value, math.nan), math.nan)
             for value in results['qdd']
         ]
     return recorder.program(**results)
@@ -201,28 +207,6 @@ def _estimate(qdd: Sequence[Lanes], results: Mapping[str, Sequence[Lanes]]) -> L
 
 def _largest(values: Sequence[Lanes]) -> Lanes:
     return reduce(lambda most, value: where(value - most, value, most), values)
-
-
-# Convergence.
-
-
-def record_small_correction(plant: Plant) -> Program:
-    """
-    Return the sequential program of `small`, (1,): 1 if delta is small, else 0, also for NaN.
-
-    Inputs are the inputs of forward dynamics, and qdd, (n,).
-    """
-    recorder = Recorder(1, 'sequential')
-    solve = solver(recorder, plant, 'composite_body')
-    qdd = recorder.input_list('qdd', plant.robot.n)
-    found = inline(recorder, record_residual(plant), {})
-    delta, y = (solve(found[x])['qdd'] for x in ('residual', 'tau'))
-    with recorder.section('convergence'):
-        change = _size(delta)
-        excess = change - CORRECTION * (_size(qdd) + _size(y))
-        # 1/(1 + change) is above zero for finite numbers only.
-        small = where(excess, 0.0, where(1.0 / (1.0 + change), 1.0, 0.0))
-    return recorder.program(small=[small])
 
 
 def _size(values: list[Lanes]) -> Lanes:

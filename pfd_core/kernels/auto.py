@@ -120,8 +120,7 @@ def roundings(plant: Plant, method: str, inverse: bool = False) -> float:
     if not inverse:
         bare = replace(bare, gravity=plant.gravity)
     name = 'roundings of H^-1' if inverse else 'roundings'
-    found: float = _kept((name, bare.digest, method), lambda: _roundings(bare, method, inverse))
-    return found
+    return float(_kept((name, bare.digest, method), lambda: _roundings(bare, method, inverse)))
 
 
 def cost(plant: Plant, method: str) -> int:
@@ -134,8 +133,7 @@ def cost(plant: Plant, method: str) -> int:
 
 def _cheapest(plant: Plant) -> str:
     methods = FEW_JOINTS, MANY_JOINTS
-    found: str = _kept(('cheapest', plant.digest), lambda: min(methods, key=partial(cost, plant)))
-    return found
+    return str(_kept(('cheapest', plant.digest), lambda: min(methods, key=partial(cost, plant))))
 
 
 def _kept(key: tuple[str, ...], compute: Callable[[], object]) -> Any:
@@ -164,8 +162,7 @@ def _roundings(bare: Plant, method: str, inverse: bool) -> float:
             difference, whole = (np.sqrt(np.cumsum(x * x, axis=-1)[:, -1]) for x in pair)
         else:
             difference, whole = (np.abs(x).max(axis=-1) for x in pair)
-        ratio: Array = difference / whole
-        return ratio
+        return np.array(difference / whole)
 
     if inverse:
         recorded = eliminate_dead_code(record_inverse_inertia(bare, method), ['first', 'X'])
@@ -200,5 +197,4 @@ def _uniform(n: int) -> Array:
     shape = (5, STATES, n)
     bits = PCG64(0).random_raw(math.prod(shape)).reshape(shape)
     # From the upper 53 bits.
-    numbers: Array = (bits >> np.uint64(11)) * 2.0**-52 - 1
-    return numbers
+    return np.array((bits >> np.uint64(11)) * 2.0**-52 - 1)

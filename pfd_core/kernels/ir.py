@@ -23,6 +23,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import reduce
 import struct
 
 from pfd_core.machine.operations import OPERATIONS
@@ -253,10 +254,7 @@ class Code:
         self._lines.append(f'{block}:')
 
     def _joined(self, op: str, flags: Sequence[str]) -> str:
-        first, *others = flags
-        for flag in others:
-            first = self.let(f'{op} i1 {first}, {flag}')
-        return first
+        return reduce(lambda a, b: self.let(f'{op} i1 {a}, {b}'), flags)
 
     def _fresh(self, prefix: str) -> str:
         self._names += 1

@@ -338,9 +338,6 @@ class EventWriter:
         s.run('finish')
         return s
 
-    def _rest_end(self, s: Script) -> None:
-        self._rest(s, 'end', 'q.end', 'qd.end', self.segment.tau[2])
-
     def _margins(self, s: Script, place: str = 'end', **arrays: str) -> None:
         s.run('margins', **{'torque': f'lambda.{place}', 'y.end': f'y.{place}'} | arrays)
 
@@ -356,7 +353,7 @@ class EventWriter:
         s.call('segment')
         # A joint that does not break loose in the whole segment does not in a part of it.
         with s.when_any('loose'):
-            self._rest_end(s)
+            self._rest(s, 'end', 'q.end', 'qd.end', self.segment.tau[2])
         if not self._end:
             # In every lane, so that slopes do not depend on neighbours.
             self._accelerations(s, 'qdd.end', 'q.end', 'qd.end', self.segment.tau[2])
@@ -403,7 +400,7 @@ class EventWriter:
         s.fill(KNOWN, 0.0, 1)
         # What holds a joint at the end costs an evaluation, only while one rests.
         with s.when_any('held'):
-            self._rest_end(s)
+            self._rest(s, 'end', 'q.end', 'qd.end', self.segment.tau[2])
             s.run('loose', torque='lambda.end')
             self._keep(s)
         s.run('detect')

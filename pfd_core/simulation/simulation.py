@@ -145,15 +145,14 @@ class Simulation(ABC):
         self.__dict__ |= state
         self._load_native()
 
-    def __copy__(self: Self) -> Self:
+    def __copy__(self: Self, memo: object = None) -> Self:
         # Robot, scene and code never change.
         twin = object.__new__(type(self))
         twin.__dict__ |= self.__dict__
         twin._buffers = deepcopy(self._buffers)
         return twin
 
-    def __deepcopy__(self: Self, memo: dict[int, Any]) -> Self:
-        return self.__copy__()
+    __deepcopy__ = __copy__
 
     # What native code was made for: read-only.
 

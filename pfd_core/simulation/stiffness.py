@@ -52,7 +52,8 @@ def chosen(name: str, plants: Iterable[Plant], h: float) -> str:
     """
     if choice('integrator', name, ('auto', *TABLEAUX)) != 'auto':
         return name
-    return 'imex2' if any(h * fastest_decay(plant) > STIFF for plant in plants) else 'rk4'
+    stiff = any(h * _largest_rate(plant, plant.viscosity) > STIFF for plant in plants)
+    return 'imex2' if stiff else 'rk4'
 
 
 def check_damping(plant: Plant, integrator: str, h: float, dtype: str) -> None:
@@ -64,7 +65,7 @@ def check_damping(plant: Plant, integrator: str, h: float, dtype: str) -> None:
     """
     if not TABLEAUX[integrator].implicit or plant.viscosity is None:
         return
-    rate = fastest_decay(plant)
+    rate = _largest_rate(plant, plant.viscosity)
     if rate == np.inf:
         raise ValueError(
             'damping of the scene needs an inertia matrix that is positive definite in float64: '
@@ -96,15 +97,6 @@ def check_springs(plant: Plant, step_size: float, substeps: int) -> None:
     )
 
 
-def fastest_decay(plant: Plant) -> float:
-    """
-    Return the largest eigenvalue of H(q)^-1 D over some poses [1/s]; 0 without damping.
-
-    It is infinite where H is not positive definite in the digits of float64.
-    """
-    return _largest_rate(plant, plant.viscosity)
-
-
 def steepest_slopes(plant: Plant) -> Array | None:
     """
     Return the largest |d torque/d q| of the effects of each joint, (n,) [N m/rad or N/m].
@@ -118,12 +110,15 @@ def steepest_slopes(plant: Plant) -> Array | None:
     q = lower + _spread(SAMPLES, 1) * (upper - lower)
     at = {'q': q, 'qd': np.zeros_like(q), 'd q': np.ones_like(q)}
     slopes = run(directional(program, ['tau'], ['q']), at)['d tau']
-    largest: Array = np.abs(slopes).max(axis=0)
-    return largest
+    return np.array(np.abs(slopes).max(axis=0))
 
 
 def _largest_rate(plant: Plant, diagonal: Array | None) -> float:
-    """Return the largest eigenvalue of H(q)^-1 times a diagonal over some poses."""
+    """
+    Return the largest eigenvalue of H(q)^-1 times a diagonal over some poses; 0 without one.
+
+    It is infinite where H is not positive definite in the digits of float64.
+    """
     if diagonal is None:
         return 0.0
     try:
@@ -170,8 +165,7 @@ def inertia_matrices(plant: Plant, q: Array) -> Array:
         moved = robot.masses[i] * np.einsum('akx,bkx->kab', Jv, Jv)
         H[:, : i + 1, : i + 1] += moved + np.einsum('akx,kxy,bky->kab', Jw, inertia, Jw)
     G = np.array(spread(robot, list(np.eye(robot.n))))
-    projected: Array = G.T @ H @ G
-    return projected
+    return np.array(G.T @ H @ G)
 
 
 def _poses(robot: Robot) -> Array:
@@ -179,8 +173,7 @@ def _poses(robot: Robot) -> Array:
     n = robot.n
     lower, upper = _ranges(robot)
     count = max(1, min(POSES, ELEMENTS // n**2))
-    positions: Array = lower + _spread(count, n) * (upper - lower)
-    return positions
+    return np.array(lower + _spread(count, n) * (upper - lower))
 
 
 def _spread(count: int, n: int) -> Array:

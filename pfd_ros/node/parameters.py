@@ -92,16 +92,15 @@ def doubles(parameters: Iterable[Parameter]) -> list[Parameter]:
     """Return parameters with doubles in place of integers where a setting has doubles."""
     single = {row.name: _KINDS[row.type] for row in _SINGLE}
     joints = tuple(f'{row.name}.' for row in PER_JOINT)
-
-    def taken(one: Parameter) -> Parameter:
+    found = []
+    for one in parameters:
         expected = Parameter.Type.DOUBLE if one.name.startswith(joints) else None
-        kind = single.get(one.name, expected)
-        if kind is None or _DOUBLES.get(one.type_) is not kind:
-            return one
-        array = kind is Parameter.Type.DOUBLE_ARRAY
-        return Parameter(one.name, kind, [*map(float, one.value)] if array else float(one.value))
-
-    return [taken(one) for one in parameters]
+        kind, value = single.get(one.name, expected), one.value
+        if kind is not None and _DOUBLES.get(one.type_) is kind:
+            array = kind is Parameter.Type.DOUBLE_ARRAY
+            one = Parameter(one.name, kind, [*map(float, value)] if array else float(value))
+        found.append(one)
+    return found
 
 
 def declare(node: Node) -> bool:

@@ -121,8 +121,7 @@ class LogArrays:
     def of_role(self, role: str) -> TopicArrays | None:
         """Return the messages of a role in a recording of ours, None if none can be read."""
         topic = self.topic_of(role)
-        found = None if topic not in self or self.obstacle(topic) else self[topic]
-        return found if found is not None and len(found) else None
+        return self.of_type().get(topic) if topic else None
 
     def descriptions(self) -> dict[str, str]:
         """Return each URDF on topics named robot_description, in their order, with its topic."""

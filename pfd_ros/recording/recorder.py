@@ -248,8 +248,7 @@ class Recorder:
         self._stream.flush()
         os.fdatasync(self._stream.fileno())
         try:
-            found = os.stat(self._path)
-            same = os.path.samestat(found, os.fstat(self._stream.fileno()))
+            same = os.path.samefile(self._path, self._stream.fileno())
         except (FileNotFoundError, NotADirectoryError):
             same = False
         except PermissionError:  # the folder is not readable any more

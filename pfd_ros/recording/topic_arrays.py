@@ -229,10 +229,11 @@ class TopicReader:
         if topic.other:
             decoder_of(topic)
         places, total = np.concatenate(self._places), len(self._times)
+        reason = '' if self._decoder is None else self._decoder.error
         if len(places) < total and not counted:
             raise ValueError(
                 f'{total - len(places)} of {total} messages cannot be read as {self._topic.type} '
-                f"(the first: {self._reason}); read_log(..., unreadable='count') leaves them out"
+                f"(the first: {reason}); read_log(..., unreadable='count') leaves them out"
             )
         log_ns = np.frombuffer(self._times, np.int64)
         names, found = self._joined()
@@ -265,13 +266,9 @@ class TopicReader:
             names,
             groups,
             tuple(self._lists),
-            self._reason,
+            reason,
             in_file,
         )
-
-    @property
-    def _reason(self) -> str:
-        return '' if self._decoder is None else self._decoder.error
 
     def _joined(self) -> tuple[tuple[str, ...], dict[str, NDArray[Any]]]:
         """Return the joints, and the arrays of all blocks, with a column for each joint."""

@@ -15,7 +15,7 @@ named by the caller is published.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 import math
 from pathlib import Path
@@ -30,7 +30,7 @@ from pfd_ros.messages.columns import known_types, store_of, type_hash
 from pfd_ros.messages.qos import Qos, offered_qos
 from pfd_ros.messages.topics import message_class
 from pfd_ros.recording.arrays import roles_of
-from pfd_ros.recording.bags import Bag, BagMessage, BagTopic, in_order
+from pfd_ros.recording.bags import Bag, BagTopic
 from pfd_ros.recording.format import MESSAGE_ENCODING
 from pfd_ros.replay.schedule import Window
 from pfd_ros.text import cut, listed
@@ -109,10 +109,6 @@ class Playlist(NamedTuple):
     tick_ns: int | None
     late_ns: int
     lines: list[str]
-
-    def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
-        """Yield the messages of some topics in the order of their log times."""
-        return in_order(self.bag.messages(topics), self.late_ns)
 
 
 def playlist(path: Path, options: PlayOptions, stopped: Callable[[], bool]) -> Playlist | None:

@@ -38,7 +38,7 @@ from pfd_ros.messages.cdr import NANOSECONDS
 from pfd_ros.messages.matching import profile_of
 from pfd_ros.messages.topics import message_class
 from pfd_ros.messages.values import encode_clock
-from pfd_ros.recording.bags import BagMessage
+from pfd_ros.recording.bags import BagMessage, in_order
 from pfd_ros.recording.format import LogError
 from pfd_ros.replay.playlist import CLOCK, KNOWN_QOS, Playlist, PlayOptions, playlist
 from pfd_ros.replay.schedule import RATES, Schedule, Send
@@ -134,8 +134,9 @@ class _Player:
 
     def _messages(self) -> Iterator[BagMessage]:
         """Yield the messages to publish, up to a signal."""
+        messages = self._found.bag.messages(self._publishers)
         try:
-            for message in self._found.messages(self._publishers):
+            for message in in_order(messages, self._found.late_ns):
                 if self._stopped():
                     return
                 yield message

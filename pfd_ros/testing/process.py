@@ -53,7 +53,7 @@ NODE_START_SECONDS = 60.0
 
 
 class ChildProcess:
-    """A running process with its own process group, and its output.
+    """A running process with its own process group, and its output; `pid` is the id of both.
 
     `output` is a file for its stdout and stderr, None for those of this process; `niceness`, 0 to
     19, is by how much it gives way to other processes; the rest is as for subprocess.Popen.
@@ -82,11 +82,7 @@ class ChildProcess:
                 # An interrupt of a terminal is for the starter, which then ends the process.
                 start_new_session=True,
             )
-
-    @property
-    def pid(self) -> int:
-        """The process id, which is the id of its group too."""
-        return self.process.pid
+        self.pid = self.process.pid
 
     def text(self) -> str:
         """Return its stdout and stderr so far, '' where it has no file."""

@@ -42,14 +42,8 @@ def profile_of(qos: Qos) -> QoSProfile:
 def mismatch(info: Any, topic: str, wanted: str, own: QoSProfile, *, publishes: bool) -> str:
     """Return why no message passes between an endpoint of the graph and ours, '' if they match.
 
-    Parameters
-    ----------
-    info
-        The endpoint, as rclpy has it.
-    topic, wanted, own
-        Topic, type and profile of ours.
-    publishes
-        Whether the endpoint publishes and ours subscribes.
+    `info` is the endpoint as rclpy has it, and `publishes` says whether it publishes and ours
+    subscribes. `topic`, `wanted` and `own` are topic, type and profile of ours.
     """
     does = f'node {cut(node_of(info))!r} {"publishes" if publishes else "subscribes to"}'
     if info.topic_type != wanted:

@@ -209,12 +209,14 @@ class Simulation(ABC):
     @property
     def q(self) -> Array:
         """Joint positions, (n,) or (B, n) [rad or m]; a copy."""
-        return np.array(self._now.arrays['q'])
+        q: Array = self._now.arrays['q'].copy()
+        return q
 
     @property
     def qd(self) -> Array:
         """Joint velocities, (n,) or (B, n) [rad/s or m/s]; a copy."""
-        return np.array(self._now.arrays['qd'])
+        qd: Array = self._now.arrays['qd'].copy()
+        return qd
 
     @property
     def tau_motor(self) -> Array:
@@ -225,7 +227,8 @@ class Simulation(ABC):
         found = self._now.arrays.get(MOTOR_TORQUE)
         if found is None:
             raise ValueError('tau_motor needs a scene with motor_lag')
-        return np.array(found)
+        tau_motor: Array = found.copy()
+        return tau_motor
 
     @property
     def wrapped(self) -> tuple[Array, Array]:

@@ -14,6 +14,7 @@ from pathlib import Path
 import re
 import subprocess
 import sys
+from typing import NamedTuple
 
 from pfd_ros.files import new_file
 from pfd_ros.messages.joints import JOINT_FIELDS
@@ -25,23 +26,35 @@ from pfd_ros.recording.format import LogError
 from pfd_ros.testing.again import named_controller
 from pfd_ros.text import one_line
 
+
+class Row(NamedTuple):
+    """The assertion that a kind of finding breaks, or why there is none."""
+
+    code: str = ''
+    why: str = ''
+    simulated: bool = True  # whether a simulation of the arm may show it
+
+
 _ABSENT = 'assert findings(run, {kind!r}, {joint!r}{robot}) == []'
-# Kinds of findings that no simulation of the arm shows.
-RECORDED_ONLY = ('not finite', 'gap', 'diagnostics')
-# The assertion that each kind of finding breaks, '' for none: of a page, then symptoms of a joint.
-ASSERTIONS: dict[str, str] = {
+# Kinds of findings of a page, then of symptoms of a joint.
+ASSERTIONS: dict[str, Row] = {
     **{
-        f'{item} limit': f'motion.assert_no_limit_hit({item!r}, joint={{joint!r}})'
+        f'{item} limit': Row(f'motion.assert_no_limit_hit({item!r}, joint={{joint!r}})')
         for item in JOINT_FIELDS
     },
-    **dict.fromkeys((*RECORDED_ONLY, 'rejected input', 'reflex', 'watchdog'), _ABSENT),
-    'failure': 'assert not motion.stopped',
-    'event': '',  # no fault
-    **dict.fromkeys(FAULTS, _ABSENT),
-    UNCOMMANDED: 'assert motion.commanded[motion.index({joint!r})], {kind!r}',
-    # A log holds no bound beyond which these are faults, and a limit is a finding by itself.
-    **dict.fromkeys(('decaying oscillation', 'offset', 'tracking', 'motion'), ''),
-    **dict.fromkeys(('end stop', 'torque limit', 'first limit'), ''),
+    **dict.fromkeys(('not finite', 'gap', 'diagnostics'), Row(_ABSENT, simulated=False)),
+    **dict.fromkeys(('rejected input', 'reflex', 'watchdog'), Row(_ABSENT)),
+    'failure': Row('assert not motion.stopped'),
+    'event': Row(why='it is no fault'),
+    **dict.fromkeys(FAULTS, Row(_ABSENT)),
+    UNCOMMANDED: Row('assert motion.commanded[motion.index({joint!r})], {kind!r}'),
+    **dict.fromkeys(
+        ('decaying oscillation', 'offset', 'tracking', 'motion'),
+        Row(why='a log holds no bound beyond which it is a fault'),
+    ),
+    **dict.fromkeys(
+        ('end stop', 'torque limit', 'first limit'), Row(why='a limit is a finding by itself')
+    ),
 }
 
 
@@ -81,14 +94,14 @@ def write_test(run: Recorded, file: Path, controller: str = '', robot: str = '')
         raise ValueError(f'pytest collects test_*.py, got the name {file.name!r}')
     if file.exists():
         raise FileExistsError(f'{file} exists and is not overwritten; name another file')
-    found = [x for x in faults(run) if x.severity != NOTE or ASSERTIONS[x.kind]]
+    found = [x for x in faults(run) if x.severity != NOTE or ASSERTIONS[x.kind].code]
     if not found:
         notes = ''.join(f'; {note}' for note in run.notes)
         raise LogError(f'{log}: nothing went wrong, so there is no finding to test{notes}')
     first = found[0]
     joint = f'{first.joint}: ' if first.joint else ''
     said = one_line(f't = {first.time:.3f} s, {first.kind}: {joint}{first.text}')
-    if controller and (first.kind in RECORDED_ONLY or not run.settings):
+    if controller and not (ASSERTIONS[first.kind].simulated and run.settings):
         raise ValueError(f'--controller: no simulation of {log} shows its first finding, {said}')
     if controller:
         named_controller(controller)
@@ -112,10 +125,11 @@ def _source(
 ) -> str:
     """Return the text of a test; of the log it has reprs, and a comment of one line."""
     log, (module, _, attribute) = run.log.path, controller.partition(':')
-    simulated = first.kind not in RECORDED_ONLY and bool(run.settings)
+    code, _, simulated = ASSERTIONS[first.kind]
+    simulated = simulated and bool(run.settings)
     named = str(Path(robot).resolve()) if Path(robot).is_file() else robot
     more = f', robot={named!r}' if robot and not simulated else ''
-    code = ASSERTIONS[first.kind].format(kind=first.kind, joint=first.joint, robot=more)
+    code = code.format(kind=first.kind, joint=first.joint, robot=more)
     if simulated:
         given = ', controller=CONTROLLER' if controller else ''
         body = ["run = tmp_path / 'run.mcap'", f'motion = replayed(LOG, run{given})', code]

@@ -527,11 +527,13 @@ def test_with_a_controller_that_lacks_the_fault_nothing_is_written():
     assert not Path('test_a.py').exists()
 
 
-def test_every_kind_of_finding_has_its_assertion_or_none():
+def test_every_kind_of_finding_has_an_assertion_or_says_why_not():
     assert {*FINDING_ASSERTIONS} == {*FINDING_KINDS, *SYMPTOM_KINDS}
+    for kind, row in FINDING_ASSERTIONS.items():
+        assert bool(row.code) != bool(row.why), kind
     tested = {kind for _, kind, _, _ in WRITTEN.values()} | {kind for _, kind, _ in WRONG.values()}
     # A limit of positions is as that of velocities; diagnostics are as other logs' gaps.
-    asserted = {kind for kind, code in FINDING_ASSERTIONS.items() if code}
+    asserted = {kind for kind, row in FINDING_ASSERTIONS.items() if row.code}
     assert asserted - tested == {'position limit', 'diagnostics'}
 
 

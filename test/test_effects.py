@@ -287,7 +287,7 @@ def test_every_method_has_every_effect(method: str, name: str) -> None:
 @pytest.mark.parametrize('name', one_fast(OVER_A_STEP))
 def test_effects_over_a_step_are_refused_at_an_instant_and_in_no_other_quantity(name: str) -> None:
     scene, bare = scene_with(OVER_A_STEP[name].field, n=N), scene_with(n=N)
-    message = f"'{OVER_A_STEP[name].field}'.* act over a step of time.*Simulator"
+    message = f"'{OVER_A_STEP[name].field}'.* over a step of time.*Simulator"
     for quantity in pfd.QUANTITIES:
         if quantity in ('forward_dynamics', 'inverse_dynamics', 'derivatives'):
             with pytest.raises(ValueError, match=message):

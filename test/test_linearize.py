@@ -196,7 +196,7 @@ NEXT_TO_STOP = 1e-3
 # Changes of positions and velocities, and of torques relative to gravity's. The time of an event
 # is rounded in a simulation, which imex2 shows most; and a hop off a stop that is shorter than a
 # part of the step is none: there velocities change by HOP_CHANGE.
-CHANGE, HOP_CHANGE = {'rk4': 4e-6, 'velocity_verlet': 4e-6, 'imex2': 1e-4}, 2e-6
+CHANGE, HOP_CHANGE = {'rk4': 4e-6, 'velocity_verlet': 4e-6, 'imex2': 1e-3}, 2e-6
 # Limits that differ by more are stated by the status.
 KINK = 2e-4
 

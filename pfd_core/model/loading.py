@@ -252,7 +252,8 @@ def _read(source: object, xacro: Mapping[str, object] | None) -> Urdf | Robot:
             if _root_of(source) == MJCF:
                 raise ValueError('the text is MJCF, whose files name others: give its path')
             return _parsed(source, 'URDF text')
-        if '\n' in source and ':' in source:  # else a path whose end was not cut off
+        # A line without a key is a path, of which somebody has not cut off the end.
+        if '\n' in source and (':' in source or '\n' in source.strip()):
             return _read_yaml(source, 'YAML text', xacro)
     path = _path(source, 'a name, a path or a string')
     bare = isinstance(source, str) and len(path.parts) == 1

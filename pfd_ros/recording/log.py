@@ -88,8 +88,7 @@ def table(head: Mapping[str, str], key: str) -> dict[str, Any]:
 def robot_of(data: bytes) -> pfd.Robot:
     """Return the robot of the attachment ROBOT; ValueError if it is none."""
     text = data.decode()
-    # Without line break or colon it would be the name of a file, and `<` begins URDF.
-    other = '\n' not in text or ':' not in text or text.lstrip().startswith('<')
-    if other or len(data) > ROBOT_BYTES:
+    # A single line would be the name of a file, and `<` begins URDF.
+    if '\n' not in text.strip() or text.lstrip().startswith('<') or len(data) > ROBOT_BYTES:
         raise ValueError(f'{names.ROBOT} of {len(data)} bytes is no robot, or above {ROBOT_BYTES}')
     return pfd.load_robot(text)

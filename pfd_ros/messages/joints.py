@@ -23,7 +23,7 @@ JOINT_FIELDS = tuple(JOINT_UNITS)
 
 
 def unit_of(item: str, robot: pfd.Robot | None, names: Collection[str]) -> str:
-    """Return the unit of an item for joints of a robot; both if mixed, or if one is no joint."""
+    """Return the unit of an item for joints of a robot; both if they differ or one is unknown."""
     turns, slides = JOINT_UNITS[item]
     kinds: dict[str, str] = {}
     if robot is not None:

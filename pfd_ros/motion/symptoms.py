@@ -376,7 +376,7 @@ LIMITS: Mapping[str, Callable[[Samples], str]] = {
 }
 UNCOMMANDED = 'never commanded'
 KINDS = (UNCOMMANDED, *VERDICTS, *LIMITS)
-# Those that no good motion has.
+# Symptoms that make a page warn and a test fail.
 FAULTS = (UNCOMMANDED, 'driven away', 'divergence', 'oscillation', 'lost')
 
 

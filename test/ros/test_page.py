@@ -439,7 +439,7 @@ def test_limits_that_a_log_has_no_numbers_for_are_named(tmp_path):
 def test_the_one_description_in_another_log_gives_the_limits(tmp_path, arms):
     # Of a tree the longest chain.
     text = gripper_arm.urdf()
-    # A text that is no URDF names no robot.
+    # A text that is not a URDF is not taken for the name of a robot.
     texts = [text, text.replace('mass value="1"', 'mass value="2"')][:arms] or ['ur5']
     topics = [f'/{k}/robot_description' for k in range(len(texts))]
     rows = [(t, DAY, encode_string(x), STRING) for t, x in zip(topics, texts, strict=True)]

@@ -9,9 +9,11 @@ what no simulation computes, and the log of another arm, is tested as it was rec
 from __future__ import annotations
 
 from importlib.machinery import PathFinder
+from importlib.util import find_spec
 import os
 from pathlib import Path
 import re
+import shlex
 import subprocess
 import sys
 from typing import NamedTuple
@@ -86,10 +88,14 @@ def write_test(run: Recorded, file: Path, controller: str = '', robot: str = '')
     """Write the first finding as a new pytest, and run it; return lines about it.
 
     `controller` is module:function, and `robot` the robot that was named for a log without one.
-    ValueError without a finding, for a controller that it cannot run, and if the test does not
-    fail by the finding: nothing is written then. OSError if the file exists or cannot be written.
+    ValueError without pytest or a finding, for a controller that it cannot run, and if the test
+    does not fail by the finding: nothing is written then. OSError if the file exists or cannot be
+    written.
     """
     log = run.log.path
+    if find_spec('pytest') is None:
+        cure = shlex.join([sys.executable, '-m', 'pip', 'install', 'pytest'])
+        raise ValueError(f'the test that is written is run, which needs pytest: {cure}')
     if not re.fullmatch(r'test_\w+\.py', file.name):
         raise ValueError(f'pytest collects test_*.py, got the name {file.name!r}')
     if file.exists():
